@@ -35,16 +35,16 @@ def _pool(process: int, threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix=f"vvc-bench-{process}")
 
 
-def for_each_chunk(work: Callable[[int, int], None], count: int, threads: int, smallest_chunk: int) -> None:
+def for_each_chunk(work: Callable[[int, int], None], count: int, threads: int, smallest_share: int) -> None:
     """Call ``work(start, stop)`` for ranges that together cover 0 ≤ i < count once, on up to ``threads`` threads.
 
-    With fewer than two chunks of ``smallest_chunk``, the caller does it all at once.
+    A thread is only worth waking for ``smallest_share`` rows; with fewer than two such shares the caller does it all.
     """
-    threads = min(threads, count // smallest_chunk)
+    threads = min(threads, count // smallest_share)
     if threads < 2:
         work(0, count)
         return
-    size = max(smallest_chunk, -(-count // (threads * CHUNKS_PER_THREAD)))
+    size = -(-count // (threads * CHUNKS_PER_THREAD))
     starts = itertools.count(0, size)  # taking the next one is atomic
 
     def drain() -> None:

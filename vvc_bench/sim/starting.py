@@ -19,6 +19,7 @@ from vvc_bench.sim.integrate import load_factors
 from vvc_bench.sim.rows import load_conditions, load_state, store_state
 from vvc_bench.sim.stepping import Settings, describe
 from vvc_bench.sim.trim import Trim, trim_rows
+from vvc_bench.sim.units import COUNT
 
 DEFAULT_ALTITUDE_M = 5000.0
 DEFAULT_SPEED_MPS = 200.0
@@ -55,6 +56,8 @@ def make_conditions(**values: ArrayLike) -> NDArray[np.float64]:
         if outside.any():
             low, high = field.low * field.unit.scale, field.high * field.unit.scale
             raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {column[outside][0] * field.unit.scale:g}")
+        if field.unit is COUNT and (column != np.round(column)).any():
+            raise ValueError(f"{name} must be a whole number, got {values[name]!r}")
         table[:, k] = column
     return table
 

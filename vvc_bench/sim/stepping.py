@@ -37,8 +37,8 @@ LOWEST_FREQUENCY_HZ = 1.0
 HIGHEST_FREQUENCY_HZ = 100.0
 ACCURATE_SUBSTEP = 0.01  # s; see docs/accurate-dynamics.md for the error that is left
 
-SMALLEST_CHUNK = 256
-"""Force evaluations below which a chunk is not worth a thread (benchmarks/threads.py)."""
+SMALLEST_SHARE = 512
+"""Force evaluations in a call below which another thread does not pay (benchmarks/threads.py)."""
 
 _FIELDS = len(State._fields)
 _CONDITIONS = len(Conditions._fields)
@@ -244,7 +244,7 @@ def describe(
     squared_length = max(w * w + x * x + y * y + z * z, 1e-12)
     speed = body.airspeed
     if conditions.wind_north != 0.0 or conditions.wind_east != 0.0 or conditions.wind_up != 0.0:
-        speed = math.sqrt(over_ground.x**2 + over_ground.y**2 + over_ground.z**2)
+        speed = math.sqrt(over_ground.x * over_ground.x + over_ground.y * over_ground.y + over_ground.z * over_ground.z)
     return State(
         airspeed=body.airspeed,
         angle_of_attack=body.angle_of_attack,
@@ -413,8 +413,8 @@ def step_many(
 
     scheme = settings.scheme
     evaluations = scheme.substeps * (RUNGE_KUTTA_STAGES if scheme.accurate else EULER_STAGES)
-    smallest_chunk = max(1, SMALLEST_CHUNK // evaluations)
-    for_each_chunk(work, len(states), threads or available_threads(), smallest_chunk)
+    smallest_share = max(1, SMALLEST_SHARE // evaluations)
+    for_each_chunk(work, len(states), threads or available_threads(), smallest_share)
     return out
 
 
