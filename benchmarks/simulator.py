@@ -73,7 +73,7 @@ def kernel_only(settings: sim.Settings, steps: int) -> Measured:
 
 def with_prange(settings: sim.Settings, steps: int) -> Measured:
     """The obvious alternative: Numba's own parallel loop over the same kernel."""
-    advance_row, load_scheme = stepping._advance_row, stepping._load_scheme
+    advance_row, load_scheme = stepping.advance_row, stepping.load_scheme
 
     @numba.njit(parallel=True, error_model="numpy")
     def step_rows(rows, commands, conditions, scheme_row, out):  # type: ignore[no-untyped-def]

@@ -34,7 +34,7 @@ def everything(count: int) -> NDArray:
         wind_east_mps=rng.uniform(-20, 20, count),
         wind_up_mps=rng.uniform(-2, 2, count),
         gust_intensity_mps=rng.uniform(0, 5, count),
-        gust_seed=np.arange(count),
+        seed=np.arange(count),
         density_offset=rng.uniform(-0.1, 0.1, count),
         mass_offset=rng.uniform(-0.1, 0.1, count),
         actuator_time_constant_s=rng.uniform(0, 0.2, count),
@@ -117,7 +117,7 @@ def test_zero_conditions_change_no_bit() -> None:
     settings = sim.Settings()
     states = sim.start(settings, heading_deg=np.linspace(-180, 180, 8))
     commands = random_commands(settings, 8, 50)
-    nothing = sim.make_conditions(gust_seed=np.arange(8))
+    nothing = sim.make_conditions(seed=np.arange(8))
     np.testing.assert_array_equal(
         fly(settings, states, commands, nothing), fly(settings, states, commands, stepping._STILL)
     )
@@ -163,13 +163,13 @@ def test_nan_commands_are_refused_and_nothing_is_lost(many: bool) -> None:
 @pytest.mark.parametrize(
     ("states", "commands", "conditions", "out"),
     [
-        ((5, 42), (5, 4), (1, 11), (5, 42)),
-        ((5, 42), (4, 3), (1, 11), (5, 42)),
-        ((5, 41), (5, 3), (1, 11), (5, 41)),
-        ((5, 42), (5, 3), (2, 11), (5, 42)),
-        ((5, 42), (5, 3), (5, 10), (5, 42)),
-        ((5, 42), (5, 3), (1, 11), (5, 43)),
-        ((42,), (3,), (1, 11), (42,)),
+        ((5, 42), (5, 4), (1, 12), (5, 42)),
+        ((5, 42), (4, 3), (1, 12), (5, 42)),
+        ((5, 41), (5, 3), (1, 12), (5, 41)),
+        ((5, 42), (5, 3), (2, 12), (5, 42)),
+        ((5, 42), (5, 3), (5, 11), (5, 42)),
+        ((5, 42), (5, 3), (1, 12), (5, 43)),
+        ((42,), (3,), (1, 12), (42,)),
     ],
 )
 def test_wrong_shapes_are_refused(states: tuple, commands: tuple, conditions: tuple, out: tuple) -> None:
@@ -233,7 +233,7 @@ def test_impossible_states_are_refused(arguments: dict, message: str) -> None:
         ({"wind_mps": 3}, "unknown condition 'wind_mps'"),
         ({"mass_offset": -1.5}, r"mass_offset must lie in \[-0.9, 10\], got -1.5"),
         ({"delay_steps": 0.5}, "delay_steps must be a whole number"),
-        ({"gust_intensity_mps": [1, 2], "gust_seed": [1, 2, 3]}, "must have one length"),
+        ({"gust_intensity_mps": [1, 2], "seed": [1, 2, 3]}, "must have one length"),
     ],
 )
 def test_impossible_conditions_are_refused(arguments: dict, message: str) -> None:

@@ -8,7 +8,17 @@
 200.12
 """
 
-from vvc_bench.sim.fields import STILL, Conditions, Field, GuidanceCommand, State, SurfaceCommand, columns, fields_of
+from vvc_bench.sim.fields import (
+    STILL,
+    Conditions,
+    Field,
+    Goal,
+    GuidanceCommand,
+    State,
+    SurfaceCommand,
+    columns,
+    fields_of,
+)
 from vvc_bench.sim.starting import make_conditions, start, start_from
 from vvc_bench.sim.stepping import ControlMode, Dynamics, Settings, step, step_many
 
@@ -18,6 +28,7 @@ __all__ = [
     "ControlMode",
     "Dynamics",
     "Field",
+    "Goal",
     "GuidanceCommand",
     "Settings",
     "State",

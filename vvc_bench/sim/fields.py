@@ -37,6 +37,8 @@ class Field(NamedTuple):
     low: float = -math.inf
     """Smallest allowed value, in inside units."""
     high: float = math.inf
+    noise: float = 0.0
+    """Standard deviation of a sensor's error, in inside units, where there is sensor noise."""
 
 
 MIRRORED = -1
@@ -45,6 +47,11 @@ MIRRORED = -1
 def degrees(value: float) -> float:
     """An angle in degrees, or a rate in degrees per second, in inside units."""
     return value / DEGREES_PER_RADIAN
+
+
+HALF_TURN = degrees(180.0)
+QUARTER_TURN = degrees(90.0)
+"""Bounds of angles, so that a typed 180° lies within them: `DEGREES_PER_RADIAN` is rounded."""
 
 
 class State(NamedTuple):
@@ -74,12 +81,12 @@ class State(NamedTuple):
     velocity_north: Annotated[float, Field(METRE_PER_SECOND, "vₙ", "velocity over the ground, north")]
     velocity_east: Annotated[float, Field(METRE_PER_SECOND, "vₑ", "velocity over the ground, east", MIRRORED)]
     velocity_up: Annotated[float, Field(METRE_PER_SECOND, "vₕ", "climb rate")]
-    roll: Annotated[float, Field(ANGLE, "φ", "bank angle", MIRRORED, -math.pi, math.pi)]
-    pitch: Annotated[float, Field(ANGLE, "θ", "pitch angle", 1, -math.pi / 2, math.pi / 2)]
-    yaw: Annotated[float, Field(ANGLE, "ψ", "heading", MIRRORED, -math.pi, math.pi)]
+    roll: Annotated[float, Field(ANGLE, "φ", "bank angle", MIRRORED, -HALF_TURN, HALF_TURN)]
+    pitch: Annotated[float, Field(ANGLE, "θ", "pitch angle", 1, -QUARTER_TURN, QUARTER_TURN)]
+    yaw: Annotated[float, Field(ANGLE, "ψ", "heading", MIRRORED, -HALF_TURN, HALF_TURN)]
     speed: Annotated[float, Field(METRE_PER_SECOND, "v", "length of the velocity vector (airspeed, without wind)")]
-    path_angle: Annotated[float, Field(ANGLE, "μ", "elevation of the velocity vector", 1, -math.pi / 2, math.pi / 2)]
-    azimuth: Annotated[float, Field(ANGLE, "χ", "azimuth of the velocity vector", MIRRORED, -math.pi, math.pi)]
+    path_angle: Annotated[float, Field(ANGLE, "μ", "elevation of the velocity vector", 1, -QUARTER_TURN, QUARTER_TURN)]
+    azimuth: Annotated[float, Field(ANGLE, "χ", "azimuth of the velocity vector", MIRRORED, -HALF_TURN, HALF_TURN)]
     load_factor_x: Annotated[float, Field(STANDARD_GRAVITY, "n_x", "load factor along body x")]
     load_factor_y: Annotated[float, Field(STANDARD_GRAVITY, "n_y", "load factor along body y", MIRRORED)]
     load_factor: Annotated[float, Field(STANDARD_GRAVITY, "n_z", "normal load factor, up positive")]
@@ -118,6 +125,38 @@ class SurfaceCommand(NamedTuple):
     throttle: Annotated[float, Field(ONE, "δ_t", "throttle command", 1, 0.0, 1.0)]
 
 
+class Goal(NamedTuple):
+    """A wanted velocity vector."""
+
+    speed: Annotated[float, Field(METRE_PER_SECOND, "v_c", "wanted length of the velocity vector", 1, 0.0, 1000.0)]
+    path_angle: Annotated[
+        float, Field(ANGLE, "μ_c", "wanted elevation of the velocity vector", 1, -QUARTER_TURN, QUARTER_TURN)
+    ]
+    azimuth: Annotated[
+        float, Field(ANGLE, "χ_c", "wanted azimuth of the velocity vector", MIRRORED, -HALF_TURN, HALF_TURN)
+    ]
+
+
+class Observation(NamedTuple):
+    """What a learner sees of a `State`, in the reference's order and units; values outside the bounds are clipped."""
+
+    roll: Annotated[float, Field(ANGLE, "φ", "bank angle", MIRRORED, -HALF_TURN, HALF_TURN, noise=degrees(0.2))]
+    pitch: Annotated[float, Field(ANGLE, "θ", "pitch angle", 1, -QUARTER_TURN, QUARTER_TURN, noise=degrees(0.2))]
+    yaw: Annotated[float, Field(ANGLE, "ψ", "heading", MIRRORED, -HALF_TURN, HALF_TURN, noise=degrees(0.5))]
+    speed: Annotated[float, Field(METRE_PER_SECOND, "v", "length of the velocity vector", 1, 0.0, 1000.0, noise=1.0)]
+    path_angle: Annotated[
+        float,
+        Field(ANGLE, "μ", "elevation of the velocity vector", 1, -QUARTER_TURN, QUARTER_TURN, noise=degrees(0.2)),
+    ]
+    azimuth: Annotated[
+        float, Field(ANGLE, "χ", "azimuth of the velocity vector", MIRRORED, -HALF_TURN, HALF_TURN, noise=degrees(0.2))
+    ]
+    roll_rate: Annotated[
+        float, Field(ANGULAR_RATE, "p", "body rate about x", MIRRORED, degrees(-300.0), degrees(300.0), degrees(0.5))
+    ]
+    altitude: Annotated[float, Field(METRE, "h", "altitude", 1, 0.0, 20000.0, noise=5.0)]
+
+
 class Conditions(NamedTuple):
     """What the paper leaves out (its Appendix N); all zero is the paper's world, bit for bit."""
 
@@ -127,7 +166,7 @@ class Conditions(NamedTuple):
     gust_intensity: Annotated[
         float, Field(METRE_PER_SECOND, "σ", "root mean square of each Dryden gust component", 1, 0.0, 50.0)
     ] = 0.0
-    gust_seed: Annotated[float, Field(COUNT, "", "seed of this aircraft's gusts", 1, 0.0, 2.0**53)] = 0.0
+    seed: Annotated[float, Field(COUNT, "", "seed of this aircraft's gusts and sensor noise", 1, 0.0, 2.0**53)] = 0.0
     density_offset: Annotated[float, Field(ONE, "Δρ/ρ", "relative change of the air density", 1, -0.9, 10.0)] = 0.0
     mass_offset: Annotated[float, Field(ONE, "Δm/m", "relative change of the mass, inertia kept", 1, -0.9, 10.0)] = 0.0
     actuator_time_constant: Annotated[
@@ -138,6 +177,9 @@ class Conditions(NamedTuple):
     ] = 0.0
     engine_time_constant: Annotated[float, Field(SECOND, "τ_t", "first-order lag of the throttle", 1, 0.0, 100.0)] = 0.0
     delay_steps: Annotated[float, Field(COUNT, "d", "steps between a command and its effect", 1, 0.0, 100.0)] = 0.0
+    sensor_noise: Annotated[
+        float, Field(ONE, "", "sensor noise, in multiples of `Observation`'s figures", 1, 0.0, 100.0)
+    ] = 0.0
 
 
 STILL = Conditions()

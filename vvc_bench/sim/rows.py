@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench.jit import kernel
-from vvc_bench.sim.fields import Conditions, State
+from vvc_bench.sim.fields import Conditions, Goal, State
+from vvc_bench.sim.task import Memory, Task
 
 
 @kernel
@@ -114,11 +115,82 @@ def load_conditions(rows: NDArray[np.float64], i: int) -> Conditions:
         wind_east=rows[i, 1],
         wind_up=rows[i, 2],
         gust_intensity=rows[i, 3],
-        gust_seed=rows[i, 4],
+        seed=rows[i, 4],
         density_offset=rows[i, 5],
         mass_offset=rows[i, 6],
         actuator_time_constant=rows[i, 7],
         actuator_rate_limit=rows[i, 8],
         engine_time_constant=rows[i, 9],
         delay_steps=rows[i, 10],
+        sensor_noise=rows[i, 11],
     )
+
+
+@kernel
+def load_goal(rows: NDArray[np.float64], i: int) -> Goal:
+    """The goal that a row holds."""
+    return Goal(speed=rows[i, 0], path_angle=rows[i, 1], azimuth=rows[i, 2])
+
+
+@kernel
+def load_task(row: NDArray[np.float64]) -> Task:
+    """The task that an array holds."""
+    return Task(
+        speed_band=row[0],
+        direction_band=row[1],
+        reach_steps=row[2],
+        step_limit=row[3],
+        speed_weight=row[4],
+        direction_weight=row[5],
+        speed_scale=row[6],
+        direction_scale=row[7],
+        exponent=row[8],
+        discount=row[9],
+        reward=row[10],
+        penalty=row[11],
+        constant_penalty=row[12],
+        least_altitude=row[13],
+        largest_speed=row[14],
+        largest_roll_rate=row[15],
+        move_away_steps=row[16],
+        largest_roll_on=row[17],
+        steep_bank=row[18],
+        least_load_factor=row[19],
+        negative_load_steps=row[20],
+        terminations=row[21],
+        rules=row[22],
+    )
+
+
+@kernel
+def load_memory(rows: NDArray[np.float64], i: int) -> Memory:
+    """The memory that a row holds."""
+    return Memory(
+        steps=rows[i, 0],
+        steps_on_goal=rows[i, 1],
+        steps_in_band=rows[i, 2],
+        direction_error=rows[i, 3],
+        steps_moving_away=rows[i, 4],
+        path_angle_error=rows[i, 5],
+        azimuth_error=rows[i, 6],
+        steps_path_angle_away=rows[i, 7],
+        steps_azimuth_away=rows[i, 8],
+        rolled=rows[i, 9],
+        steps_negative_load=rows[i, 10],
+    )
+
+
+@kernel
+def store_memory(memory: Memory, rows: NDArray[np.float64], i: int) -> None:
+    """Write a memory into a row."""
+    rows[i, 0] = memory.steps
+    rows[i, 1] = memory.steps_on_goal
+    rows[i, 2] = memory.steps_in_band
+    rows[i, 3] = memory.direction_error
+    rows[i, 4] = memory.steps_moving_away
+    rows[i, 5] = memory.path_angle_error
+    rows[i, 6] = memory.azimuth_error
+    rows[i, 7] = memory.steps_path_angle_away
+    rows[i, 8] = memory.steps_azimuth_away
+    rows[i, 9] = memory.rolled
+    rows[i, 10] = memory.steps_negative_load

@@ -37,7 +37,7 @@ def make_conditions(**values: ArrayLike) -> NDArray[np.float64]:
     """Wind, gusts, offsets, actuators and delay, by column name with its unit; what is left out is zero.
 
     Each value is a number for all aircraft, or an array of N, as in
-    ``make_conditions(wind_north_mps=10, gust_intensity_mps=2, gust_seed=range(8))``.
+    ``make_conditions(wind_north_mps=10, gust_intensity_mps=2, seed=range(8))``.
 
     Returns:
         Shape (1, C), or (N, C) if any value is an array.

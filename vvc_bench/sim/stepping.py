@@ -113,7 +113,8 @@ class Settings:
 
 
 @kernel
-def _load_scheme(row: NDArray[np.float64]) -> Scheme:
+def load_scheme(row: NDArray[np.float64]) -> Scheme:
+    """The scheme that ``Settings.row`` holds."""
     return Scheme(row[0] != 0.0, row[1] != 0.0, row[2], int(row[3]))
 
 
@@ -172,7 +173,7 @@ def advance(
     )
     if conditions.gust_intensity > 0.0:
         gust = next_gust(
-            gust, state.airspeed, conditions.gust_intensity, conditions.gust_seed, state.steps, scheme.time_step
+            gust, state.airspeed, conditions.gust_intensity, conditions.seed, state.steps, scheme.time_step
         )
 
     body = Body(
@@ -292,15 +293,18 @@ def describe(
 
 
 @inlined
-def _advance_row(
+def advance_row(
     rows: NDArray[np.float64],
     commands: NDArray[np.float64],
     conditions: Conditions,
     scheme: Scheme,
     out: NDArray[np.float64],
     i: int,
-) -> None:
-    """Load, step, store row i. Behind the state's fields it may hold a ring of commands still on their way."""
+) -> State:
+    """Load, step, store row i, and return its new state; ``out`` may be ``rows``.
+
+    Behind the state's fields a row may hold a ring of commands still on their way.
+    """
     state = load_state(rows, i)
     width = commands.shape[1]
     first, second, third = commands[i, 0], commands[i, 1], commands[i, 2]
@@ -316,7 +320,9 @@ def _advance_row(
             out[i, k] = rows[i, k]
         for k in range(width):
             out[i, slot + k] = commands[i, k]
-    store_state(advance(state, first, second, third, fourth, scheme, conditions), out, i)
+    state = advance(state, first, second, third, fourth, scheme, conditions)
+    store_state(state, out, i)
+    return state
 
 
 @entry_point
@@ -337,10 +343,10 @@ def _step_rows(
         for k in range(commands.shape[1]):
             if math.isnan(commands[i, k]):
                 return False
-    scheme = _load_scheme(scheme_row)
+    scheme = load_scheme(scheme_row)
     shared = conditions.shape[0] == 1
     for i in range(start, stop):
-        _advance_row(rows, commands, load_conditions(conditions, 0 if shared else i), scheme, out, i)
+        advance_row(rows, commands, load_conditions(conditions, 0 if shared else i), scheme, out, i)
     return True
 
 
@@ -411,11 +417,14 @@ def step_many(
     def work(start: int, stop: int) -> None:
         _step_rows(states, commands, conditions, settings.row, out, start, stop)
 
-    scheme = settings.scheme
-    evaluations = scheme.substeps * (RUNGE_KUTTA_STAGES if scheme.accurate else EULER_STAGES)
-    smallest_share = max(1, SMALLEST_SHARE // evaluations)
-    for_each_chunk(work, len(states), threads or available_threads(), smallest_share)
+    for_each_chunk(work, len(states), threads or available_threads(), smallest_share(settings))
     return out
+
+
+def smallest_share(settings: Settings) -> int:
+    """Aircraft below which another thread does not pay."""
+    evaluations = settings.scheme.substeps * (RUNGE_KUTTA_STAGES if settings.scheme.accurate else EULER_STAGES)
+    return max(1, SMALLEST_SHARE // evaluations)
 
 
 def _check_shapes(

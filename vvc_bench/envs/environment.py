@@ -1,0 +1,111 @@
+"""One aircraft as a Gymnasium environment."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vvc_bench import sim
+from vvc_bench.envs.fleet import Fleet
+from vvc_bench.envs.options import checked_options, make_fleet, make_spaces
+from vvc_bench.envs.relabelling import Relabelling
+from vvc_bench.goals import GoalDistribution, as_distribution
+from vvc_bench.sim.episodes import REPORT
+from vvc_bench.tasks import event_names
+
+Observed = dict[str, NDArray[np.float32]]
+
+_ONE = np.zeros(1, dtype=np.int64)
+_INFO = REPORT[1:]
+
+
+class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]]):
+    """Fly so that the velocity vector reaches the desired goal and stays there.
+
+    Observations are a dictionary, as goal-conditioned learners expect: ``observation`` (8 values, `Observation`),
+    ``achieved_goal`` and ``desired_goal`` (speed in m/s, path angle and azimuth in degrees). Arguments are those of
+    `vvc_bench.envs.options.make_fleet`, and ``render_mode``.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
+
+    def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(f"render_mode must be one of {self.metadata['render_modes']} or None, got {render_mode!r}")
+        self.render_mode = render_mode
+        self.fleet: Fleet = make_fleet(1, **options)
+        self.task = self.fleet.task
+        self.observation_space, self.action_space = make_spaces(self.fleet.settings)
+
+    @property
+    def goals(self) -> GoalDistribution:
+        """Where new goals come from; a curriculum may set another one at any time."""
+        return self.fleet.distribution
+
+    @goals.setter
+    def goals(self, source: object) -> None:
+        self.fleet.distribution = as_distribution(source)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observed, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: seeds the goals.
+            options: ``"goal"``: (speed_mps, path_angle_deg, azimuth_deg) in place of a drawn one; ``"state"``: a row
+                from `vvc_bench.sim.start` or `start_from`, in place of the usual start.
+
+        Raises:
+            ValueError: for an unknown option, or a goal or state that is none.
+        """
+        super().reset(seed=seed)
+        options = checked_options(options, self.fleet)
+        self.fleet.generators = [self.np_random]
+        self.fleet.begin(_ONE, options.get("goal"), options.get("state"))
+        return self._observed(), {"is_success": False, "events": 0, "termination": "", "steps": 0}
+
+    def step(self, action: ArrayLike) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
+        """Fly one step.
+
+        Returns:
+            observation, reward, terminated (goal reached, or failed), truncated (time is up) and info: ``is_success``,
+            ``events`` (`Event` bits), ``termination`` (name of the one that ended the episode, or ""), and the columns
+            of `vvc_bench.sim.episodes.REPORT`.
+
+        Raises:
+            ValueError: for an action of another shape, or NaN.
+        """
+        fleet = self.fleet
+        fleet.step_one(action)
+        events = int(fleet.events[0])
+        reward, *rest = fleet.report[0].tolist()
+        info: dict[str, Any] = dict(zip(_INFO, rest, strict=True))
+        terminated, truncated = fleet.ended(events) if events else (False, False)
+        info["is_success"] = bool(events & 1)
+        info["events"] = events
+        info["termination"] = event_names(events)[0] if events else ""
+        return self._observed(), reward, terminated, truncated, info
+
+    def set_goal(self, goal: ArrayLike) -> Observed:
+        """Give another goal within the episode; what counts towards reaching it starts anew.
+
+        Returns:
+            The observation with the new desired goal.
+        """
+        self.fleet.set_goals(_ONE, goal)
+        return self._observed()
+
+    @property
+    def state(self) -> sim.State:
+        """The aircraft's full state, in SI units."""
+        return sim.State(*self.fleet.rows[0, : len(sim.State._fields)].tolist())
+
+    def _observed(self) -> Observed:
+        fleet = self.fleet
+        return {
+            "observation": fleet.observations[0].copy(),
+            "achieved_goal": fleet.achieved[0].copy(),
+            "desired_goal": fleet.desired[0].copy(),
+        }
