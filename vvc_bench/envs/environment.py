@@ -17,7 +17,6 @@ from vvc_bench.tasks import event_names
 Observed = dict[str, NDArray[np.float32]]
 
 _ONE = np.zeros(1, dtype=np.int64)
-_INFO = REPORT[1:]
 
 
 class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]]):
@@ -36,6 +35,9 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         self.render_mode = render_mode
         self.fleet: Fleet = make_fleet(1, **options)
         self.task = self.fleet.task
+        self._observation, self._achieved, self._desired, self._report = (  # views of the fleet's only row
+            rows[0] for rows in (self.fleet.observations, self.fleet.achieved, self.fleet.desired, self.fleet.report)
+        )
         self.observation_space, self.action_space = make_spaces(self.fleet.settings)
 
     @property
@@ -77,12 +79,11 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         Raises:
             ValueError: for an action of another shape, or NaN.
         """
-        fleet = self.fleet
-        fleet.step_one(action)
-        events = int(fleet.events[0])
-        reward, *rest = fleet.report[0].tolist()
-        info: dict[str, Any] = dict(zip(_INFO, rest, strict=True))
-        terminated, truncated = fleet.ended(events) if events else (False, False)
+        self.fleet.step_one(action)
+        events = self.fleet.events.item()
+        info: dict[str, Any] = dict(zip(REPORT, self._report.tolist(), strict=True))
+        reward = info.pop("reward")
+        terminated, truncated = self.fleet.ended(events) if events else (False, False)
         info["is_success"] = bool(events & 1)
         info["events"] = events
         info["termination"] = event_names(events)[0] if events else ""
@@ -103,9 +104,8 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         return sim.State(*self.fleet.rows[0, : len(sim.State._fields)].tolist())
 
     def _observed(self) -> Observed:
-        fleet = self.fleet
         return {
-            "observation": fleet.observations[0].copy(),
-            "achieved_goal": fleet.achieved[0].copy(),
-            "desired_goal": fleet.desired[0].copy(),
+            "observation": self._observation.copy(),
+            "achieved_goal": self._achieved.copy(),
+            "desired_goal": self._desired.copy(),
         }

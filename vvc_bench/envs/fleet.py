@@ -126,7 +126,8 @@ class Fleet:
         Raises:
             ValueError: for another shape, or NaN; nothing is changed then.
         """
-        checked = self._checked(actions)
+        checked = np.ascontiguousarray(actions, dtype=np.float32)
+        self._check_shape(checked)
         if np.isnan(checked).any():
             raise _nan_action(checked, self.settings)
 
@@ -137,16 +138,15 @@ class Fleet:
 
     def step_one(self, action: ArrayLike) -> None:
         """Fly a fleet of one by one step: the same for one action, without what only many need."""
-        actions = self._checked(np.asarray(action)[None])
+        actions = np.array(action, dtype=np.float32, ndmin=2)
+        self._check_shape(actions)
         if not self._fly(actions, 0, 1):
             raise _nan_action(actions, self.settings)
 
-    def _checked(self, actions: ArrayLike) -> NDArray[np.float32]:
-        checked = np.ascontiguousarray(actions, dtype=np.float32)
-        if checked.shape != self._commands.shape:
+    def _check_shape(self, actions: NDArray[np.float32]) -> None:
+        if actions.shape != self._commands.shape:
             names = ", ".join(sim.columns(self.settings.command_fields))
-            raise ValueError(f"actions must have shape {self._commands.shape}: {names}; got {checked.shape}")
-        return checked
+            raise ValueError(f"actions must have shape {self._commands.shape}: {names}; got {actions.shape}")
 
     def ended(self, events: int) -> tuple[bool, bool]:
         """``terminated`` and ``truncated`` for one aircraft's events."""

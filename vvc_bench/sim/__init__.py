@@ -4,8 +4,8 @@
 >>> settings = sim.Settings(control_mode="guidance", dynamics="reference", frequency_hz=10)
 >>> state = sim.start(settings, altitude_m=5000, speed_mps=200, heading_deg=0)
 >>> state = sim.step(state, [0.0, 1.0, 0.3], settings)
->>> round(sim.State(*state).airspeed, 2)
-200.12
+>>> print(f"{sim.State(*state).airspeed:.2f} m/s")
+200.10 m/s
 """
 
 from vvc_bench.sim.fields import (

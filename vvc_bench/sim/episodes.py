@@ -14,8 +14,17 @@ from vvc_bench.sim.fields import Conditions, Goal, GuidanceCommand, Observation,
 from vvc_bench.sim.interpolation import clip
 from vvc_bench.sim.random_numbers import standard_normals
 from vvc_bench.sim.rows import load_conditions, load_goal, load_memory, load_state, load_task, store_memory
-from vvc_bench.sim.stepping import advance_row, load_scheme
-from vvc_bench.sim.task import Memory, direction_error, distance_reward, fresh_memory, judge, judge_publicly, wrapped
+from vvc_bench.sim.stepping import Scheme, advance_row, load_scheme
+from vvc_bench.sim.task import (
+    Memory,
+    Task,
+    direction_error,
+    distance_reward,
+    fresh_memory,
+    judge,
+    judge_publicly,
+    wrapped,
+)
 from vvc_bench.sim.units import DEGREES_PER_RADIAN
 
 _GUIDANCE_SCALE = field_array(GuidanceCommand, "scale")
@@ -27,6 +36,7 @@ _SENSORS = len(Observation._fields)
 _GOALS = len(Goal._fields)
 _FIRST_GOAL = Observation._fields.index(Goal._fields[0])
 _MEMORY = len(Memory._fields)
+_ROLL, _CLIPPED = (State._fields.index(name) for name in ("roll", "clipped_commands"))
 
 REPORT = (
     *("reward", "speed_error_mps", "path_angle_error_deg", "azimuth_error_deg", "direction_error_deg"),
@@ -67,22 +77,21 @@ def _fly_row(
     goals: NDArray[np.float64],
     commands: NDArray[np.float64],
     conditions: Conditions,
-    scheme_row: NDArray[np.float64],
-    task_row: NDArray[np.float64],
+    scheme: Scheme,
+    task: Task,
     observations: NDArray[np.float32],
     achieved: NDArray[np.float32],
     report: NDArray[np.float64],
     events: NDArray[np.int64],
     i: int,
 ) -> None:
-    task, goal = load_task(task_row), load_goal(goals, i)
-    before = load_state(rows, i)
-    after = advance_row(rows, commands, conditions, load_scheme(scheme_row), rows, i)
-    memory = load_memory(memories, i)
+    goal, memory = load_goal(goals, i), load_memory(memories, i)
+    roll_before, clipped_before = rows[i, _ROLL], rows[i, _CLIPPED]
+    after = advance_row(rows, commands, conditions, scheme, rows, i)
     if task.rules == 0.0:
-        outcome = judge(task, memory, before, after, goal)
+        outcome = judge(task, memory, roll_before, after, goal)
     else:
-        outcome = judge_publicly(task, memory, memories[:, _MEMORY:], i, before, after, goal)
+        outcome = judge_publicly(task, memory, memories[:, _MEMORY:], i, roll_before, after, goal)
     store_memory(outcome.memory, memories, i)
     observe(after, conditions, observations, achieved, i)
     events[i] = outcome.events
@@ -92,7 +101,7 @@ def _fly_row(
     report[i, 3] = wrapped(goal.azimuth - after.azimuth) * DEGREES_PER_RADIAN
     report[i, 4] = outcome.direction_error * DEGREES_PER_RADIAN
     report[i, 5] = after.load_factor
-    report[i, 6] = after.clipped_commands - before.clipped_commands
+    report[i, 6] = after.clipped_commands - clipped_before
     report[i, 7] = outcome.memory.steps
 
 
@@ -123,10 +132,11 @@ def fly_rows(
             if math.isnan(actions[i, k]):
                 return False
             commands[i, k] = actions[i, k] / (_GUIDANCE_SCALE[k] if width == 3 else _SURFACE_SCALE[k])
+    scheme, task = load_scheme(scheme_row), load_task(task_row)
     shared = conditions.shape[0] == 1
     for i in range(start, stop):
         here = load_conditions(conditions, 0 if shared else i)
-        _fly_row(rows, memories, goals, commands, here, scheme_row, task_row, observations, achieved, report, events, i)
+        _fly_row(rows, memories, goals, commands, here, scheme, task, observations, achieved, report, events, i)
     return True
 
 

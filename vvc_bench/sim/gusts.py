@@ -13,7 +13,7 @@ for all components, as it is at that height. Left out: the rotary gusts, and the
 import math
 from typing import NamedTuple
 
-from vvc_bench.jit import kernel
+from vvc_bench.jit import kernel, routine
 from vvc_bench.sim.dynamics import LEAST_AIRSPEED, Vector
 from vvc_bench.sim.random_numbers import standard_normals
 
@@ -41,7 +41,7 @@ def gust_velocity(gust: GustState) -> Vector:
     )
 
 
-@kernel
+@routine
 def next_gust(
     gust: GustState, airspeed: float, intensity: float, seed: float, step: float, time_step: float
 ) -> GustState:

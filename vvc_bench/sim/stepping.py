@@ -25,7 +25,7 @@ from vvc_bench.sim.fields import (
     field_array,
 )
 from vvc_bench.sim.gusts import GustState, gust_velocity, next_gust
-from vvc_bench.sim.integrate import EULER_STAGES, RUNGE_KUTTA_STAGES, integrate, load_factors
+from vvc_bench.sim.integrate import STAGES, euler_step, load_factors, runge_kutta_step
 from vvc_bench.sim.interpolation import clip
 from vvc_bench.sim.parallel import available_threads, for_each_chunk
 from vvc_bench.sim.rows import load_conditions, load_state, store_state
@@ -193,19 +193,14 @@ def advance(
     )
     controls = SurfaceCommand(state.aileron, state.elevator, state.rudder, state.throttle)
     old_over_ground = Vector(state.velocity_north, state.velocity_east, state.velocity_up)
-    motion = integrate(
-        body,
-        Vector(state.forward_velocity, state.side_velocity, state.normal_velocity),
-        old_over_ground,
-        air,
-        controls,
-        command,
-        gust_velocity(gust),
-        conditions,
-        scheme.accurate,
-        scheme.time_step,
-        scheme.substeps,
-    )
+    air_motion = gust_velocity(gust)
+    if scheme.accurate:
+        motion = runge_kutta_step(body, controls, command, air_motion, conditions, scheme.time_step, scheme.substeps)
+    else:
+        velocity = Vector(state.forward_velocity, state.side_velocity, state.normal_velocity)
+        motion = euler_step(
+            body, velocity, old_over_ground, air, controls, command, air_motion, conditions, scheme.time_step
+        )
     path = motion.ground_velocity if scheme.accurate else old_over_ground  # the reference reports it one step late
     return describe(
         motion.body,
@@ -423,7 +418,7 @@ def step_many(
 
 def smallest_share(settings: Settings) -> int:
     """Aircraft below which another thread does not pay."""
-    evaluations = settings.scheme.substeps * (RUNGE_KUTTA_STAGES if settings.scheme.accurate else EULER_STAGES)
+    evaluations = settings.scheme.substeps * (STAGES if settings.scheme.accurate else 1)
     return max(1, SMALLEST_SHARE // evaluations)
 
 

@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.jit import kernel
+from vvc_bench.jit import kernel, routine
 from vvc_bench.sim.fields import Field, Goal, State, degrees
 from vvc_bench.sim.units import ANGLE, ANGULAR_RATE, COUNT, METRE, METRE_PER_SECOND, ONE, STANDARD_GRAVITY
 
@@ -213,7 +213,7 @@ def _rolled_on(rolled: float, before: float, after: float) -> float:
 
 
 @kernel
-def judge(task: Task, memory: Memory, before: State, after: State, goal: Goal) -> Outcome:
+def judge(task: Task, memory: Memory, roll_before: float, after: State, goal: Goal) -> Outcome:
     """What a step means by the paper's text: every event of the new report, and its reward.
 
     Success comes before failure, and failure before the time limit; only enabled events are reported.
@@ -233,7 +233,7 @@ def judge(task: Task, memory: Memory, before: State, after: State, goal: Goal) -
         azimuth_error=memory.azimuth_error,
         steps_path_angle_away=memory.steps_path_angle_away,
         steps_azimuth_away=memory.steps_azimuth_away,
-        rolled=_rolled_on(memory.rolled, before.roll, after.roll),
+        rolled=_rolled_on(memory.rolled, roll_before, after.roll),
         steps_negative_load=_run(banked, memory.steps_negative_load),
     )
     events = (
@@ -260,9 +260,9 @@ def _reward(task: Task, events: int, step: float, speed_error: float, angle: flo
     return -1.0 if int(task.reward) == _SPARSE else distance_reward(speed_error, angle, task)
 
 
-@kernel
+@routine
 def judge_publicly(
-    task: Task, memory: Memory, window: NDArray[np.float64], i: int, before: State, after: State, goal: Goal
+    task: Task, memory: Memory, window: NDArray[np.float64], i: int, roll_before: float, after: State, goal: Goal
 ) -> Outcome:
     """What a step means by the public code's rules; ``window[i]`` holds the last errors, speed and direction in turn.
 
@@ -285,7 +285,7 @@ def judge_publicly(
         azimuth_error=azimuth_error,
         steps_path_angle_away=_away(path_angle_error, memory.path_angle_error, memory.steps_path_angle_away),
         steps_azimuth_away=_away(azimuth_error, memory.azimuth_error, memory.steps_azimuth_away),
-        rolled=_rolled_on(memory.rolled, before.roll, after.roll),
+        rolled=_rolled_on(memory.rolled, roll_before, after.roll),
         steps_negative_load=_run(banked, memory.steps_negative_load),
     )
     away = min(memory.steps_path_angle_away, memory.steps_azimuth_away)
