@@ -17,6 +17,7 @@ BLOCKS = [
 
 
 @pytest.mark.parametrize("block", BLOCKS)
+@pytest.mark.filterwarnings("ignore:.*precision lowered by casting:UserWarning")  # Gymnasium's own wrapper
 def test_python_of_the_pages(block: str) -> None:
     exec(compile(block, "page", "exec"), {})
 

@@ -11,6 +11,8 @@ from gymnasium.vector import AutoresetMode
 import vvc_bench  # noqa: F401  (registers the ids)
 from vvc_bench import sim
 from vvc_bench.envs import ENVIRONMENT_IDS
+from vvc_bench.envs.sub_goals import TURN_CLIMB
+from vvc_bench.experts import WEIGHT_COMPENSATED, pid_commands
 from vvc_bench.sim.task import ALL_EVENTS, Event, Task
 
 IDS = list(ENVIRONMENT_IDS)
@@ -340,6 +342,29 @@ def test_impossible_environments_are_refused(arguments: dict, message: str) -> N
 def test_impossible_resets_are_refused(options: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         gymnasium.make("VVC/Hard-v0").reset(options=options)
+
+
+def test_sub_goals_follow_one_another() -> None:
+    environment = gymnasium.make("VVC/TurnClimb-v0")
+    observed, info = environment.reset(seed=0)
+    assert info["sub_goals_reached"] == 0
+    wanted, reached = [tuple(observed["desired_goal"])], []
+    for _ in range(400):
+        state = environment.unwrapped.fleet.rows
+        command = pid_commands(state, environment.unwrapped.fleet.goals, WEIGHT_COMPENSATED)[0]
+        action = command * [field.unit.scale for field in sim.columns(sim.GuidanceCommand).values()]
+        observed, _, terminated, truncated, info = environment.step(action)
+        if tuple(observed["desired_goal"]) != wanted[-1]:
+            wanted.append(tuple(observed["desired_goal"]))
+        reached.append(info["sub_goals_reached"])
+        if terminated or truncated:
+            break
+    assert wanted == list(TURN_CLIMB)
+    assert (terminated, info["is_success"], info["termination"]) == (True, True, "reach_target")
+    assert sorted(set(reached)) == [0, 1, 2, 3]
+    assert (np.diff(reached) >= 0).all()
+    with pytest.raises(ValueError, match="its sub-goals"):
+        environment.reset(options={"goal": (200, 0, 0)})
 
 
 def test_bad_actions_are_refused_and_nothing_changes() -> None:

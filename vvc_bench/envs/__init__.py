@@ -10,6 +10,9 @@ ENVIRONMENT_IDS = {
 }
 """Id → name in `vvc_bench.tasks.TASKS`. What an id means never changes: a changed number is a new version."""
 
+SUB_GOALS_ID = "VVC/TurnClimb-v0"
+"""Three goals in one episode (the paper's Fig. 5)."""
+
 
 def register_environments() -> None:
     """Make the ids known to Gymnasium, unless they are already.
@@ -27,3 +30,11 @@ def register_environments() -> None:
                 disable_env_checker=True,
                 order_enforce=False,
             )
+    if SUB_GOALS_ID not in gymnasium.registry:
+        gymnasium.register(
+            SUB_GOALS_ID,
+            entry_point="vvc_bench.envs.sub_goals:make_turn_climb",
+            kwargs={"task": "hard"},
+            disable_env_checker=True,
+            order_enforce=False,
+        )
