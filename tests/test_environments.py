@@ -344,6 +344,24 @@ def test_impossible_resets_are_refused(options: dict, message: str) -> None:
         gymnasium.make("VVC/Hard-v0").reset(options=options)
 
 
+def test_frames_show_the_episode() -> None:
+    environment = gymnasium.make("VVC/Hard-v0", render_mode="rgb_array")
+    environment.reset(seed=0, options={"goal": (220, 20, -60)})
+    first = environment.render()
+    for _ in range(20):
+        environment.step([-60.0, 2.0, 0.9])
+    second = environment.render()
+    for frame in (first, second):
+        assert (frame.shape, frame.dtype) == ((540, 960, 3), np.uint8)
+    assert (first != second).mean() > 0.01
+    flight = environment.unwrapped.flight
+    assert flight.states.shape[0] == 21
+    again = sim.step(flight.states[0], flight.commands[0], flight.settings)
+    np.testing.assert_array_equal(again, flight.states[1])
+    with pytest.raises(ValueError, match="render_mode"):
+        gymnasium.make("VVC/Hard-v0").unwrapped.render()
+
+
 def test_sub_goals_follow_one_another() -> None:
     environment = gymnasium.make("VVC/TurnClimb-v0")
     observed, info = environment.reset(seed=0)

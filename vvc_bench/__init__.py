@@ -4,7 +4,6 @@ Importing it registers the environments: ``gymnasium.make("VVC/Hard-v0")``.
 """
 
 from vvc_bench.envs import register_environments
-
-__version__ = "0.1.0"
+from vvc_bench.version import __version__ as __version__
 
 register_environments()

@@ -10,6 +10,8 @@ from vvc_bench import sim
 from vvc_bench.envs.fleet import Fleet
 from vvc_bench.envs.options import checked_options, make_fleet, make_spaces
 from vvc_bench.envs.relabelling import Relabelling
+from vvc_bench.envs.rendering import Window, draw_frame
+from vvc_bench.flight.recording import Flight
 from vvc_bench.goals import GoalDistribution, as_distribution
 from vvc_bench.sim.episodes import REPORT
 from vvc_bench.tasks import event_names
@@ -27,7 +29,7 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
     `vvc_bench.envs.options.make_fleet`, and ``render_mode``.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (Gymnasium declares it so)
 
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
@@ -35,6 +37,9 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         self.render_mode = render_mode
         self.fleet: Fleet = make_fleet(1, **options)
         self.task = self.fleet.task
+        self._states: list[NDArray[np.float64]] = []
+        self._commands: list[NDArray[np.float64]] = []
+        self._window: Window | None = None
         self._observation, self._achieved, self._desired, self._report = (  # views of the fleet's only row
             rows[0] for rows in (self.fleet.observations, self.fleet.achieved, self.fleet.desired, self.fleet.report)
         )
@@ -66,6 +71,8 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         options = checked_options(options, self.fleet)
         self.fleet.generators = [self.np_random]
         self.fleet.begin(_ONE, options.get("goal"), options.get("state"))
+        self._states, self._commands = [], []
+        self._record()
         return self._observed(), {"is_success": False, "events": 0, "termination": "", "steps": 0}
 
     def step(self, action: ArrayLike) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
@@ -80,6 +87,8 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
             ValueError: for an action of another shape, or NaN.
         """
         self.fleet.step_one(action)
+        if self.render_mode is not None:
+            self._record()
         events = self.fleet.events.item()
         info: dict[str, Any] = dict(zip(REPORT, self._report.tolist(), strict=True))
         reward = info.pop("reward")
@@ -88,6 +97,44 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         info["events"] = events
         info["termination"] = event_names(events)[0] if events else ""
         return self._observed(), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The episode so far: path, attitude, velocity vector and goal; histories of what was commanded and flown.
+
+        Returns:
+            An image of shape (540, 960, 3) with ``"rgb_array"``; None with ``"human"``, which is a window.
+
+        Raises:
+            ValueError: without a render mode.
+            ImportError: without matplotlib (extra ``plot``).
+        """
+        if self.render_mode is None:
+            raise ValueError('nothing is recorded to be drawn; make the environment with render_mode="rgb_array"')
+        frame = draw_frame(self.flight)
+        if self.render_mode == "rgb_array":
+            return frame
+        self._window = self._window or Window()
+        self._window.show(frame)
+        return None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    @property
+    def flight(self) -> Flight:
+        """The episode so far, where there is a render mode: for pictures, or for `vvc_bench.flight.write_flight`."""
+        fleet = self.fleet
+        commands = np.reshape(self._commands, (-1, fleet.settings.command_width))
+        return Flight(fleet.settings, fleet.goals[0].copy(), np.stack(self._states), commands, fleet.conditions)
+
+    def _record(self) -> None:
+        """Keep the state, and the command that led to it."""
+        if self._states:
+            self._commands.append(self.fleet.commands[0].copy())
+        self._states.append(self.fleet.rows[0].copy())
 
     def set_goal(self, goal: ArrayLike) -> Observed:
         """Give another goal within the episode; what counts towards reaching it starts anew.

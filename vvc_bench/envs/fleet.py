@@ -59,7 +59,7 @@ class Fleet:
         self.desired = np.zeros((count, 3), dtype=np.float32)
         self.report = np.zeros((count, len(REPORT)))
         self.events = np.zeros(count, dtype=np.int64)
-        self._commands = np.zeros((count, settings.command_width))
+        self.commands = np.zeros((count, settings.command_width))
 
     def seed(self, seeds: Sequence[int | None]) -> None:
         """One generator for each aircraft; an aircraft alone and one among many draw the same."""
@@ -100,7 +100,7 @@ class Fleet:
             self.memories,
             self.goals,
             actions,
-            self._commands,
+            self.commands,
             self.conditions,
             self.settings.row,
             self._task_row,
@@ -144,9 +144,9 @@ class Fleet:
             raise _nan_action(actions, self.settings)
 
     def _check_shape(self, actions: NDArray[np.float32]) -> None:
-        if actions.shape != self._commands.shape:
+        if actions.shape != self.commands.shape:
             names = ", ".join(sim.columns(self.settings.command_fields))
-            raise ValueError(f"actions must have shape {self._commands.shape}: {names}; got {actions.shape}")
+            raise ValueError(f"actions must have shape {self.commands.shape}: {names}; got {actions.shape}")
 
     def ended(self, events: int) -> tuple[bool, bool]:
         """``terminated`` and ``truncated`` for one aircraft's events."""

@@ -9,13 +9,13 @@ the distances are off by less than 1 in 10,000. The flat coordinates and the hea
 import math
 from collections.abc import Iterator
 
-import vvc_bench
 from vvc_bench.flight.goal import time_to_reach, wanted
 from vvc_bench.flight.recording import Flight
 from vvc_bench.sim import State
 from vvc_bench.sim.atmosphere import air_at
 from vvc_bench.sim.fields import Goal
 from vvc_bench.sim.units import DEGREES_PER_RADIAN
+from vvc_bench.version import __version__
 
 EARTH_RADIUS = 6378137.0  # m, WGS 84, semi-major axis
 REFERENCE_LATITUDE_DEG = 0.0
@@ -54,7 +54,7 @@ def _lines(flight: Flight) -> Iterator[str]:
     yield "FileType=text/acmi/tacview"
     yield "FileVersion=2.2"
     yield f"0,ReferenceTime={REFERENCE_TIME}"
-    yield f"0,DataSource=vvc-bench {vvc_bench.__version__}"
+    yield f"0,DataSource=vvc-bench {__version__}"
     yield f"0,Title={_escaped(_title(flight))}"
     yield f"0,Comments={_escaped(f'{settings.dynamics} dynamics at {settings.frequency_hz:g} Hz')}"
     goal = None if flight.goal is None else wanted(flight)

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import vvc_bench
 from vvc_bench.flight.acmi import acmi_text
 from vvc_bench.flight.recording import Flight, table, table_fields, to_frame
 from vvc_bench.sim import Conditions, Field, columns
 from vvc_bench.sim.fields import Goal
+from vvc_bench.version import __version__
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"  # W3C, Portable Network Graphics, section 5.2
 _PNG_END = b"IEND\xaeB\x60\x82"
@@ -125,7 +125,7 @@ def _metadata(flight: Flight) -> dict[str, str]:
     values = {"settings": settings, "conditions": _outside(Conditions, flight.conditions[0])}
     if flight.goal is not None:
         values["goal"] = _outside(Goal, flight.goal)
-    return {"vvc_bench_version": vvc_bench.__version__} | {what: json.dumps(value) for what, value in values.items()}
+    return {"vvc_bench_version": __version__} | {what: json.dumps(value) for what, value in values.items()}
 
 
 def _outside(kind: type[tuple[float, ...]], row: NDArray[np.float64]) -> dict[str, str | float]:

@@ -1,8 +1,8 @@
-"""The air as the reference binaries have it: close to, but not, the International Standard Atmosphere.
+"""The air as the reference binaries have it, which is not the International Standard Atmosphere.
 
-The temperature follows ISO 2533 to 11 km and is constant above; the density follows an exponential in h / T(h) in
-place of the barometric formula (model.md, "Atmosphere and engine"). docs/reference-aircraft.md shows how far the two
-are apart.
+The temperature follows ISO 2533 to 11 km and is constant above, but the density follows an exponential in h / T(h) in
+place of the barometric formula (model.md, "Atmosphere and engine"): it is right at sea level and falls short by 15 % at
+5 km (docs/reference-aircraft.md).
 """
 
 import math

@@ -120,13 +120,20 @@ def shift(body: Body, rate: Body, time: float) -> Body:
 
 @kernel
 def normalised(body: Body) -> Body:
-    """The same body with a quaternion of length 1."""
+    """The same body with a quaternion of length 1, and its velocity by angles that the tables know (±180°, ±90°)."""
+    airspeed, angle_of_attack, sideslip = body.airspeed, body.angle_of_attack, body.sideslip
+    if airspeed < 0.0 or abs(angle_of_attack) > math.pi or abs(sideslip) > 0.5 * math.pi:
+        velocity = air_velocity(body)
+        in_plane = math.sqrt(velocity.x * velocity.x + velocity.z * velocity.z)
+        airspeed = abs(airspeed)
+        angle_of_attack = math.atan2(velocity.z, velocity.x)
+        sideslip = math.atan2(velocity.y, in_plane)
     w, x, y, z = body.quaternion_w, body.quaternion_x, body.quaternion_y, body.quaternion_z
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return Body(
-        body.airspeed,
-        body.angle_of_attack,
-        body.sideslip,
+        airspeed,
+        angle_of_attack,
+        sideslip,
         body.roll_rate,
         body.pitch_rate,
         body.yaw_rate,

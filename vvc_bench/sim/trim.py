@@ -76,7 +76,7 @@ def trim(altitude: float, airspeed: float, density_factor: float, mass: float) -
     low = LOWEST_ALPHA
     excess_low = _excess_weight(low, pressure_area, mass)
     high, excess_high = low, excess_low
-    while high < HIGHEST_ALPHA:
+    while high < HIGHEST_ALPHA - 0.5 * _SCAN_STEP:
         high, excess_high = low + _SCAN_STEP, _excess_weight(low + _SCAN_STEP, pressure_area, mass)
         if excess_low > 0.0 and excess_high <= 0.0:
             break
