@@ -1,17 +1,24 @@
 """Spread rows over a few threads, never slower than one thread would be.
 
 Kernels release the GIL, so ordinary threads run them side by side. The caller works too and takes chunks from the same
-counter, so a helper that is late, because its core is busy, costs nothing: it finds no chunk left. A barrier over equal
+heap, so a helper that is late, because its core is busy, costs nothing: it finds no chunk left. A barrier over equal
 shares, as in Numba's ``prange``, would wait for the slowest.
 """
 
 import functools
 import itertools
 import os
+import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-CHUNKS_PER_THREAD = 8
+LAST_CHUNKS_PER_SHARE = 8
+"""How finely the end of the work is cut: nobody then waits long for a thread that has lost its core."""
+PROBE_EVERY = 64
+"""Calls between two that are made the slower way, to see whether it still is."""
+_WEIGHT = 0.3
+"""Of the last call in what is remembered of the better way's speed; of the other way the last call is remembered."""
 
 
 @functools.cache
@@ -30,31 +37,99 @@ def available_threads() -> int:
 
 
 @functools.cache
-def _pool(process: int, threads: int) -> ThreadPoolExecutor:
-    """One pool for each process (a fork inherits no threads) and size."""
-    return ThreadPoolExecutor(threads, thread_name_prefix=f"vvc-bench-{process}")
+def _pool(process: int, count: int) -> ThreadPoolExecutor:
+    """Threads of one process (a fork inherits none), each on a core of its own.
+
+    Left to the scheduler, a thread that works for less than a millisecond at a time may share its waker's core for
+    long although another one is idle: measured here, half of all calls then took as long as with one thread.
+    """
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setaffinity") else []
+    places = itertools.cycle(cores[1:] + cores[:1])
+
+    def settle() -> None:
+        if len(cores) > 1:
+            os.sched_setaffinity(0, {next(places)})  # of this thread alone
+
+    return ThreadPoolExecutor(count, thread_name_prefix=f"vvc-bench-{process}", initializer=settle)
 
 
-def for_each_chunk(work: Callable[[int, int], None], count: int, threads: int, smallest_share: int) -> None:
+class _Pace:
+    """How long calls of one kind take with one thread and with several, and which way is now the better one.
+
+    Several threads lose where other processes keep the cores busy, the caller's own among them.
+    """
+
+    def __init__(self) -> None:
+        self._calls = 0
+        self._seconds = {True: 0.0, False: 0.0}
+
+    def choose(self) -> bool:
+        """Whether to use several threads this time; each way once in `PROBE_EVERY` calls at least."""
+        self._calls += 1
+        return self._better != (self._calls % PROBE_EVERY == 2)
+
+    def note(self, several: bool, seconds: float) -> None:
+        """Remember how long a call took."""
+        known = self._seconds[several]
+        weight = _WEIGHT if known > 0.0 and several == self._better else 1.0
+        self._seconds[several] += weight * (seconds - known)
+
+    @property
+    def _better(self) -> bool:
+        return self._seconds[True] <= self._seconds[False]
+
+
+@functools.lru_cache(maxsize=256)
+def _pace(threads: int, smallest_share: int, magnitude: int) -> _Pace:
+    """One for calls that cost about the same."""
+    del threads, smallest_share, magnitude
+    return _Pace()
+
+
+def for_each_chunk(work: Callable[[int, int], object], count: int, threads: int, smallest_share: int) -> None:
     """Call ``work(start, stop)`` for ranges that together cover 0 ≤ i < count once, on up to ``threads`` threads.
 
-    A thread is only worth waking for ``smallest_share`` rows; with fewer than two such shares the caller does it all.
+    A thread is only worth waking for ``smallest_share`` rows; with fewer than two such shares the caller does it all,
+    and so it does while that is seen to be quicker.
     """
     threads = min(threads, count // smallest_share)
     if threads < 2:
         work(0, count)
         return
-    size = -(-count // (threads * CHUNKS_PER_THREAD))
-    starts = itertools.count(0, size)  # taking the next one is atomic
+    pace = _pace(threads, smallest_share, count.bit_length())
+    several = pace.choose()
+    begin = time.perf_counter()
+    if several:
+        _share_out(work, count, threads, max(1, smallest_share // LAST_CHUNKS_PER_SHARE))
+    else:
+        work(0, count)
+    pace.note(several, time.perf_counter() - begin)
+
+
+def _share_out(work: Callable[[int, int], object], count: int, threads: int, smallest_chunk: int) -> None:
+    claim = _claims(count, threads, smallest_chunk)
 
     def drain() -> None:
-        for start in starts:
-            if start >= count:
-                return
-            work(start, min(start + size, count))
+        while (chunk := claim()) is not None:
+            work(*chunk)
 
     helpers = [_pool(os.getpid(), threads - 1).submit(drain) for _ in range(threads - 1)]
     drain()
     for helper in helpers:
         if not helper.cancel():
             helper.result()
+
+
+def _claims(count: int, threads: int, smallest_chunk: int) -> Callable[[], tuple[int, int] | None]:
+    """A function that hands out the next chunk, to one thread at a time: large ones first, so that all end together."""
+    lock = threading.Lock()
+    begun = 0
+
+    def claim() -> tuple[int, int] | None:
+        nonlocal begun
+        with lock:
+            start = begun
+            begun = min(count, start + max(smallest_chunk, (count - start) // (2 * threads)))
+        return (start, begun) if start < begun else None
+
+    return claim
