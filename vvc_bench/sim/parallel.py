@@ -15,10 +15,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 LAST_CHUNKS_PER_SHARE = 8
 """How finely the end of the work is cut: nobody then waits long for a thread that has lost its core."""
-PROBE_EVERY = 64
-"""Calls between two that are made the slower way, to see whether it still is."""
+PROBE_ONE_EVERY = 64
+PROBE_SEVERAL_EVERY = 16
+"""Calls between two that are made the slower way, with one thread or with several, to see whether it still is."""
 _WEIGHT = 0.3
 """Of the last call in what is remembered of the better way's speed; of the other way the last call is remembered."""
+_OUTLIER = 1.5
+"""A call with several threads counts as at most this many times one alone: a thread may lose its core for once."""
 
 
 @functools.cache
@@ -64,13 +67,15 @@ class _Pace:
         self._seconds = {True: 0.0, False: 0.0}
 
     def choose(self) -> bool:
-        """Whether to use several threads this time; each way once in `PROBE_EVERY` calls at least."""
+        """Whether to use several threads this time."""
         self._calls += 1
-        return self._better != (self._calls % PROBE_EVERY == 2)
+        return self._better != (self._calls % (PROBE_ONE_EVERY if self._better else PROBE_SEVERAL_EVERY) == 0)
 
     def note(self, several: bool, seconds: float) -> None:
         """Remember how long a call took."""
-        known = self._seconds[several]
+        known, alone = self._seconds[several], self._seconds[False]
+        if several and alone > 0.0:
+            seconds = min(seconds, _OUTLIER * alone)
         weight = _WEIGHT if known > 0.0 and several == self._better else 1.0
         self._seconds[several] += weight * (seconds - known)
 
