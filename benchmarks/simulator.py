@@ -41,17 +41,17 @@ Measured = Callable[[], int]
 """Does some work and says how many steps it was."""
 
 
-def many(threads: int, settings: sim.Settings, steps: int) -> Measured:
-    states = sim.start(settings, heading_deg=np.linspace(-180, 180, AIRCRAFT))
+def many(threads: int, settings: sim.Settings, steps: int, count: int = AIRCRAFT) -> Measured:
+    states = sim.start(settings, heading_deg=np.linspace(-180, 180, count))
     rng = np.random.default_rng(0)
-    commands = np.array(COMMAND) * rng.uniform(0.5, 1.5, (AIRCRAFT, 3))
+    commands = np.array(COMMAND) * rng.uniform(0.5, 1.5, (count, 3))
     out = states.copy()
 
     def run() -> int:
         np.copyto(out, states)
         for _ in range(steps):
             sim.step_many(out, commands, settings, out=out, threads=threads)
-        return steps * AIRCRAFT
+        return steps * count
 
     return run
 

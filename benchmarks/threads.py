@@ -6,8 +6,7 @@ For each batch size, steps per second on one thread and on two with shares allow
 quiet machine and with the second core loaded; median of repeats taken in turn.
 """
 
-import numpy as np
-from simulator import COMMAND, busy_core, measure
+from simulator import busy_core, many, measure
 
 from vvc_bench import sim
 from vvc_bench.sim import stepping
@@ -16,25 +15,13 @@ SIZES = (64, 128, 256, 512, 1024, 2048, 4096, 16384)
 STEPS_PER_CASE = 40_000
 
 
-def fly(count: int, threads: int):  # type: ignore[no-untyped-def]
-    settings = sim.Settings()
-    states = sim.start(settings, heading_deg=np.linspace(-180, 180, count))
-    commands = np.tile(COMMAND, (count, 1))
-    out = states.copy()
-    steps = max(1, STEPS_PER_CASE // count)
-
-    def run() -> int:
-        np.copyto(out, states)
-        for _ in range(steps):
-            sim.step_many(out, commands, settings, out=out, threads=threads)
-        return steps * count
-
-    return run
-
-
 def main() -> None:
     stepping.SMALLEST_SHARE = 1
-    cases = {f"{count} {threads}": fly(count, threads) for count in SIZES for threads in (1, 2)}
+    cases = {
+        f"{count} {threads}": many(threads, sim.Settings(), max(1, STEPS_PER_CASE // count), count)
+        for count in SIZES
+        for threads in (1, 2)
+    }
     quiet = measure(cases, 15)
     with busy_core():
         loaded = measure(cases, 15)

@@ -12,7 +12,6 @@ from vvc_bench.envs.options import checked_options, make_fleet, make_spaces
 from vvc_bench.envs.relabelling import Relabelling
 from vvc_bench.envs.rendering import Window, draw_frame
 from vvc_bench.flight.recording import Flight
-from vvc_bench.goals import GoalDistribution, as_distribution
 from vvc_bench.sim.episodes import REPORT
 from vvc_bench.tasks import event_names
 
@@ -44,15 +43,6 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
             rows[0] for rows in (self.fleet.observations, self.fleet.achieved, self.fleet.desired, self.fleet.report)
         )
         self.observation_space, self.action_space = make_spaces(self.fleet.settings)
-
-    @property
-    def goals(self) -> GoalDistribution:
-        """Where new goals come from; a curriculum may set another one at any time."""
-        return self.fleet.distribution
-
-    @goals.setter
-    def goals(self, source: object) -> None:
-        self.fleet.distribution = as_distribution(source)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

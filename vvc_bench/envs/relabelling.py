@@ -5,20 +5,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vvc_bench.goals import SCALE
+from vvc_bench.envs.fleet import Fleet
+from vvc_bench.goals import SCALE, GoalDistribution, as_distribution
 from vvc_bench.sim.episodes import judge_goals
 from vvc_bench.sim.task import Reward, Task
 from vvc_bench.tasks import task_row
 
 
 class Relabelling:
-    """`compute_reward` and its kin, as in Gymnasium-Robotics, for one pair of goals, shape (3,), or a batch, (N, 3).
+    """What the single and the vector environment share: where goals come from, and what pairs of goals are worth.
+
+    `compute_reward` and its kin are as in Gymnasium-Robotics, for one pair of goals, shape (3,), or a batch, (N, 3).
 
     They see goals alone: whether a goal was *held*, and whether a flight failed, is not theirs to say
     (docs/environments.md).
     """
 
     task: Task
+    fleet: Fleet
+
+    @property
+    def goals(self) -> GoalDistribution:
+        """Where new goals come from; a curriculum may set another one at any time."""
+        return self.fleet.distribution
+
+    @goals.setter
+    def goals(self, source: object) -> None:
+        self.fleet.distribution = as_distribution(source)
 
     def compute_reward(self, achieved_goal: ArrayLike, desired_goal: ArrayLike, info: Any = None) -> Any:
         """Reward of reports that end no episode by failure.

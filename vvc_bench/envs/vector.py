@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from vvc_bench.envs.fleet import Fleet
 from vvc_bench.envs.options import checked_options, make_fleet, make_spaces, seeds_for
 from vvc_bench.envs.relabelling import Relabelling
-from vvc_bench.goals import GoalDistribution, as_distribution
 from vvc_bench.sim.episodes import REPORT
 
 Observed = dict[str, NDArray[np.float32]]
@@ -54,15 +53,6 @@ class VelocityVectorVectorEnv(Relabelling, VectorEnv[Observed, NDArray[np.float3
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._threads = threads
         self._ended = np.zeros(num_envs, dtype=np.bool_)
-
-    @property
-    def goals(self) -> GoalDistribution:
-        """Where new goals come from; a curriculum may set another one at any time."""
-        return self.fleet.distribution
-
-    @goals.setter
-    def goals(self, source: object) -> None:
-        self.fleet.distribution = as_distribution(source)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
