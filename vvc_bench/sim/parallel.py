@@ -72,7 +72,9 @@ class _Pace:
         return self._better != (self._calls % (PROBE_ONE_EVERY if self._better else PROBE_SEVERAL_EVERY) == 0)
 
     def note(self, several: bool, seconds: float) -> None:
-        """Remember how long a call took."""
+        """Remember how long a call took, unless it was the first, which starts the threads."""
+        if self._calls == 1:
+            return
         known, alone = self._seconds[several], self._seconds[False]
         if several and alone > 0.0:
             seconds = min(seconds, _OUTLIER * alone)
