@@ -18,11 +18,12 @@ test: $(VENV)/dev ## Run the tests (a few minutes)
 test-slow: $(VENV)/dev ## Run the slow tests too
 	$(BIN)/python -m pytest
 
-lint: $(VENV)/dev ## Check style, types and import layers
+lint: $(VENV)/dev ## Check style, types, import layers and the tables of fields
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python docs/figures/fields_table.py --check
 
 figures: $(VENV)/dev ## Make the figures and tables of docs/ anew
 	set -e; for script in docs/figures/*.py; do echo "== $$script"; $(BIN)/python $$script; done
