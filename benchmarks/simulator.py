@@ -64,7 +64,7 @@ def kernel_only(settings: sim.Settings, steps: int) -> Measured:
     def run() -> int:
         np.copyto(out, states)
         for _ in range(steps):
-            stepping._step_rows(out, commands, stepping._STILL, settings.row, out, 0, AIRCRAFT)
+            stepping._step_rows(out, commands, stepping.STILL_ROW, settings.row, out, 0, AIRCRAFT)
         return steps * AIRCRAFT
 
     return run
@@ -87,7 +87,7 @@ def with_prange(settings: sim.Settings, steps: int) -> Measured:
     def run() -> int:
         np.copyto(out, states)
         for _ in range(steps):
-            step_chunks(out, commands, stepping._STILL, settings.row, out)
+            step_chunks(out, commands, stepping.STILL_ROW, settings.row, out)
         return steps * AIRCRAFT
 
     return run

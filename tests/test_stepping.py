@@ -119,7 +119,7 @@ def test_zero_conditions_change_no_bit() -> None:
     commands = random_commands(settings, 8, 50)
     nothing = sim.make_conditions(seed=np.arange(8))
     np.testing.assert_array_equal(
-        fly(settings, states, commands, nothing), fly(settings, states, commands, stepping._STILL)
+        fly(settings, states, commands, nothing), fly(settings, states, commands, stepping.STILL_ROW)
     )
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench.goals import UniformBox
-from vvc_bench.sim.fields import columns
+from vvc_bench.sim.fields import checked_inside, columns
 from vvc_bench.sim.task import ALL_EVENTS, Event, Penalty, Reward, Rules, Task
-from vvc_bench.sim.units import COUNT
 
 
 class Problem(NamedTuple):
@@ -55,15 +54,8 @@ def make_task(task: Task, **changes: object) -> Task:
     for name, value in changes.items():
         if name not in known:
             raise ValueError(f"unknown task field {name!r}; known are {', '.join(known)}")
-        field = known[name]
-        number = _number(name, value)
-        inside = number / field.unit.scale
-        if not field.low <= inside <= field.high:
-            low, high = field.low * field.unit.scale, field.high * field.unit.scale
-            raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {value!r}")
-        if field.unit is COUNT and number != round(number):
-            raise ValueError(f"{name} must be a whole number, got {value!r}")
-        values[Task._fields[list(known).index(name)]] = inside
+        inside = checked_inside(name, known[name], _number(name, value))
+        values[Task._fields[list(known).index(name)]] = float(inside)
     return Task(**values)
 
 

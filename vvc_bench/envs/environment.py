@@ -82,7 +82,7 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         events = self.fleet.events.item()
         info: dict[str, Any] = dict(zip(REPORT, self._report.tolist(), strict=True))
         reward = info.pop("reward")
-        terminated, truncated = self.fleet.ended(events) if events else (False, False)
+        terminated, truncated = self.fleet.outcomes(events)
         info["is_success"] = bool(events & 1)
         info["events"] = events
         info["termination"] = event_names(events)[0] if events else ""

@@ -1,6 +1,7 @@
 """The one core under every environment: N aircraft, their episodes, and their own random generators."""
 
 from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from vvc_bench.sim.stepping import smallest_share
 from vvc_bench.sim.task import FAILURES, Event, Memory, Rules, Task
 from vvc_bench.tasks import task_row
 
+Events: TypeAlias = int | NDArray[np.int64]
 _TERMINAL = int(Event.REACH_TARGET | FAILURES)
 _PUBLICLY_TRUNCATED = int(Event.CRASH | Event.EXTREME_STATE | Event.TIME_LIMIT)
 
@@ -148,19 +150,12 @@ class Fleet:
             names = ", ".join(sim.columns(self.settings.command_fields))
             raise ValueError(f"actions must have shape {self.commands.shape}: {names}; got {actions.shape}")
 
-    def ended(self, events: int) -> tuple[bool, bool]:
-        """``terminated`` and ``truncated`` for one aircraft's events."""
+    def outcomes(self, events: Events) -> tuple[Any, Any]:
+        """``terminated`` and ``truncated`` for one aircraft's events, or for an array of them."""
         if self.task.rules == Rules.PUBLIC_CODE:
-            return events != 0, bool(events & -events & _PUBLICLY_TRUNCATED)
-        terminated = bool(events & _TERMINAL)
-        return terminated, events != 0 and not terminated
-
-    def outcomes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """``terminated`` and ``truncated`` of the last step, each (N,)."""
-        if self.task.rules == Rules.PUBLIC_CODE:
-            return self.events != 0, (self.events & -self.events & _PUBLICLY_TRUNCATED) != 0
-        terminated = (self.events & _TERMINAL) != 0
-        return terminated, (self.events != 0) & ~terminated
+            return events != 0, (events & -events & _PUBLICLY_TRUNCATED) != 0
+        terminated = (events & _TERMINAL) != 0
+        return terminated, (events != 0) != terminated
 
 
 def _nan_action(actions: NDArray[np.float32], settings: sim.Settings) -> ValueError:

@@ -94,7 +94,7 @@ class VelocityVectorVectorEnv(Relabelling, VectorEnv[Observed, NDArray[np.float3
             fleet.report[stale] = 0.0
             fleet.events[stale] = 0
         rewards = fleet.report[:, 0].copy()
-        terminated, truncated = fleet.outcomes()
+        terminated, truncated = fleet.outcomes(fleet.events)
         self._ended = terminated | truncated
         infos = self._infos()
         if self.autoreset_mode == AutoresetMode.SAME_STEP and self._ended.any():

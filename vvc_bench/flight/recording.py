@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vvc_bench.goals import check_goals
-from vvc_bench.sim import STILL, Conditions, Field, Settings, State, columns, step
+from vvc_bench.sim import Conditions, Field, Settings, State, columns, step
 from vvc_bench.sim.fields import Goal
+from vvc_bench.sim.stepping import STILL_ROW
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +25,7 @@ _STATE_WIDTH = len(State._fields)
 
 
 def _still() -> NDArray[np.float64]:
-    return np.array([STILL], dtype=np.float64)
+    return STILL_ROW.copy()
 
 
 @dataclass(frozen=True)

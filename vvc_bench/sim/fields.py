@@ -9,7 +9,7 @@ import math
 from typing import Annotated, NamedTuple, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vvc_bench.sim.units import (
     ANGLE,
@@ -202,3 +202,21 @@ def field_array(quantities: type[tuple[float, ...]], attribute: str) -> NDArray[
     """One attribute of every field as an array: ``low``, ``high``, ``mirror``, or ``scale`` to outside units."""
     fields = fields_of(quantities).values()
     return np.array([field.unit.scale if attribute == "scale" else getattr(field, attribute) for field in fields])
+
+
+def checked_inside(name: str, field: Field, value: ArrayLike) -> NDArray[np.float64]:
+    """A typed value, or an array of them, in inside units.
+
+    Raises:
+        ValueError: if one is out of the field's bounds, NaN, or not whole where the field counts something.
+    """
+    given = np.asarray(value, dtype=np.float64)
+    inside = given / field.unit.scale
+    outside = ~((inside >= field.low) & (inside <= field.high))
+    if outside.any():
+        low, high = field.low * field.unit.scale, field.high * field.unit.scale
+        raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {given[outside].flat[0]:g}")
+    broken = (given != np.round(given)) & (field.unit is COUNT)
+    if broken.any():
+        raise ValueError(f"{name} must be a whole number, got {given[broken].flat[0]:g}")
+    return inside

@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from vvc_bench.jit import entry_point, kernel
 from vvc_bench.sim.atmosphere import air_at
 from vvc_bench.sim.dynamics import Body, air_velocity, ground_velocity, loads
-from vvc_bench.sim.fields import STILL, Conditions, State, SurfaceCommand, columns
+from vvc_bench.sim.fields import Conditions, State, SurfaceCommand, checked_inside, columns
 from vvc_bench.sim.gusts import GustState, gust_velocity
 from vvc_bench.sim.integrate import load_factors
 from vvc_bench.sim.rows import load_conditions, load_state, store_state
-from vvc_bench.sim.stepping import Settings, describe
+from vvc_bench.sim.stepping import STILL_ROW, Settings, describe
 from vvc_bench.sim.trim import Trim, trim_rows
-from vvc_bench.sim.units import COUNT
 
 DEFAULT_ALTITUDE_M = 5000.0
 DEFAULT_SPEED_MPS = 200.0
@@ -30,7 +29,6 @@ _SETTABLE = (
     *("roll_deg", "pitch_deg", "yaw_deg", "north_m", "east_m", "altitude_m"),
     *("aileron_deg", "elevator_deg", "rudder_deg", "throttle"),
 )
-_NO_CONDITIONS = np.array([STILL])
 
 
 def make_conditions(**values: ArrayLike) -> NDArray[np.float64]:
@@ -49,16 +47,8 @@ def make_conditions(**values: ArrayLike) -> NDArray[np.float64]:
     rows = _broadcast(values, known, "condition")
     table = np.zeros((len(rows), len(known)))
     for k, (name, field) in enumerate(known.items()):
-        if name not in values:
-            continue
-        column = rows[:, list(values).index(name)] / field.unit.scale
-        outside = ~((column >= field.low) & (column <= field.high))
-        if outside.any():
-            low, high = field.low * field.unit.scale, field.high * field.unit.scale
-            raise ValueError(f"{name} must lie in [{low:g}, {high:g}], got {column[outside][0] * field.unit.scale:g}")
-        if field.unit is COUNT and (column != np.round(column)).any():
-            raise ValueError(f"{name} must be a whole number, got {values[name]!r}")
-        table[:, k] = column
+        if name in values:
+            table[:, k] = checked_inside(name, field, rows[:, list(values).index(name)])
     return table
 
 
@@ -68,7 +58,7 @@ def start(
     altitude_m: ArrayLike = DEFAULT_ALTITUDE_M,
     speed_mps: ArrayLike = DEFAULT_SPEED_MPS,
     heading_deg: ArrayLike = 0.0,
-    conditions: NDArray[np.float64] = _NO_CONDITIONS,
+    conditions: NDArray[np.float64] = STILL_ROW,
 ) -> NDArray[np.float64]:
     """Begin in trimmed, level flight.
 
@@ -109,7 +99,7 @@ def start(
 
 
 def start_from(
-    settings: Settings, *, conditions: NDArray[np.float64] = _NO_CONDITIONS, **values: ArrayLike
+    settings: Settings, *, conditions: NDArray[np.float64] = STILL_ROW, **values: ArrayLike
 ) -> NDArray[np.float64]:
     """Begin anywhere, with the control law's integrators empty.
 

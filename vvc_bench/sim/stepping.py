@@ -120,7 +120,8 @@ def load_scheme(row: NDArray[np.float64]) -> Scheme:
 
 _GUIDANCE_LOW, _GUIDANCE_HIGH = (field_array(GuidanceCommand, bound) for bound in ("low", "high"))
 _SURFACE_LOW, _SURFACE_HIGH = (field_array(SurfaceCommand, bound) for bound in ("low", "high"))
-_STILL = np.array([STILL])
+STILL_ROW = np.array([STILL])
+"""Conditions of the paper's world, as `make_conditions` gives them."""
 
 
 @kernel
@@ -349,7 +350,7 @@ def step(
     state: NDArray[np.float64],
     command: ArrayLike,
     settings: Settings,
-    conditions: NDArray[np.float64] = _STILL,
+    conditions: NDArray[np.float64] = STILL_ROW,
     *,
     out: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
@@ -382,7 +383,7 @@ def step_many(
     states: NDArray[np.float64],
     commands: ArrayLike,
     settings: Settings,
-    conditions: NDArray[np.float64] = _STILL,
+    conditions: NDArray[np.float64] = STILL_ROW,
     *,
     out: NDArray[np.float64] | None = None,
     threads: int | None = None,
