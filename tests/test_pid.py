@@ -103,14 +103,14 @@ def test_load_factor_is_the_experts(climb_deg, turn_deg, load_factor):
 def test_load_factor_limit_is_the_experts(speed_mps, altitude_m, load_factor):
     density = air_at(altitude_m, 1.0).density
     assert load_factor_limit(speed_mps, density) == pytest.approx(load_factor, abs=0.02)
-    command = command_at(goal_of(200, 80, 0), airspeed=float(speed_mps), altitude=float(altitude_m))
+    command = command_at(goal_of(200, 80, 0), speed=float(speed_mps), altitude=float(altitude_m))
     assert command.load_factor == pytest.approx(load_factor, abs=0.02)
 
 
 def test_the_limit_holds_for_pushing_too():
     assert command_at(goal_of(200, -80, 0)).load_factor == pytest.approx(-2.51, abs=0.02)
     least = sim.fields_of(sim.GuidanceCommand)["load_factor"].low
-    assert command_at(goal_of(200, -80, 0), airspeed=300.0, altitude=0.0).load_factor == least
+    assert command_at(goal_of(200, -80, 0), speed=300.0, altitude=0.0).load_factor == least
 
 
 @pytest.mark.parametrize(("roll_rate", "expected_degps"), [(0.0, -50.0), (2.0, -150.0), (-2.0, -50.0)])

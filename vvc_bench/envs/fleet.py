@@ -1,7 +1,7 @@
 """The one core under every environment: N aircraft, their episodes, and their own random generators."""
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +12,8 @@ from vvc_bench.sim.episodes import REPORT, begin_rows, fly_rows
 from vvc_bench.sim.fields import Goal, Observation
 from vvc_bench.sim.parallel import available_threads, for_each_chunk
 from vvc_bench.sim.stepping import smallest_share
-from vvc_bench.sim.task import FAILURES, Event, Memory, Rules, Task
+from vvc_bench.sim.task import Events, Memory, Task, outcomes, window_width
 from vvc_bench.tasks import task_row
-
-Events: TypeAlias = int | NDArray[np.int64]
-_TERMINAL = int(Event.REACH_TARGET | FAILURES)
-_PUBLICLY_TRUNCATED = int(Event.CRASH | Event.EXTREME_STATE | Event.TIME_LIMIT)
 
 _KEPT = np.array([Memory._fields.index(name) for name in ("steps", "rolled", "steps_negative_load")])
 """What is remembered although the goal changes."""
@@ -52,9 +48,8 @@ class Fleet:
         self.conditions = conditions
         self.generators: list[np.random.Generator] = []
         self._task_row = task_row(task)
-        window = 2 * int(task.reach_steps) if task.rules == Rules.PUBLIC_CODE else 0
         self.rows = np.tile(start, (count, 1))
-        self.memories = np.zeros((count, len(Memory._fields) + window))
+        self.memories = np.zeros((count, len(Memory._fields) + window_width(task)))
         self.goals = np.zeros((count, len(Goal._fields)))
         self.observations = np.zeros((count, len(Observation._fields)), dtype=np.float32)
         self.achieved = np.zeros((count, 3), dtype=np.float32)
@@ -152,10 +147,7 @@ class Fleet:
 
     def outcomes(self, events: Events) -> tuple[Any, Any]:
         """``terminated`` and ``truncated`` for one aircraft's events, or for an array of them."""
-        if self.task.rules == Rules.PUBLIC_CODE:
-            return events != 0, (events & -events & _PUBLICLY_TRUNCATED) != 0
-        terminated = (events & _TERMINAL) != 0
-        return terminated, (events != 0) != terminated
+        return outcomes(self.task, events)
 
 
 def _nan_action(actions: NDArray[np.float32], settings: sim.Settings) -> ValueError:

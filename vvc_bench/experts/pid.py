@@ -30,7 +30,7 @@ from vvc_bench.goals import check_goals
 from vvc_bench.jit import entry_point, kernel
 from vvc_bench.sim.aircraft import GRAVITY, MASS
 from vvc_bench.sim.atmosphere import SEA_LEVEL_DENSITY, air_at
-from vvc_bench.sim.fields import Goal, GuidanceCommand, State, degrees, fields_of
+from vvc_bench.sim.fields import Goal, GuidanceCommand, Observation, State, degrees, fields_of
 from vvc_bench.sim.interpolation import clip, linear, locate, make_axis
 from vvc_bench.sim.propulsion import maximum_thrust
 from vvc_bench.sim.rows import load_goal, load_state
@@ -81,8 +81,8 @@ def load_factor_limit(airspeed: float, density: float) -> float:
 
 
 @kernel
-def pid_command(state: State, goal: Goal, parameters: PidParameters) -> GuidanceCommand:
-    """What the law commands in one state, within the bounds of `GuidanceCommand`."""
+def pid_command(state: State | Observation, goal: Goal, parameters: PidParameters) -> GuidanceCommand:
+    """What the law commands in one state, within the bounds of `GuidanceCommand`; what a learner sees is enough."""
     air = air_at(state.altitude, 1.0)
     turn_rate = wrapped(goal.azimuth - state.azimuth) / parameters.azimuth_time_constant
     path_rate = (goal.path_angle - state.path_angle) / parameters.path_angle_time_constant
@@ -94,10 +94,10 @@ def pid_command(state: State, goal: Goal, parameters: PidParameters) -> Guidance
 
     turn = state.speed * math.cos(state.path_angle) * turn_rate / GRAVITY
     pull = math.cos(state.path_angle) + state.speed * path_rate / GRAVITY
-    limit = load_factor_limit(state.airspeed, air.density)
+    limit = load_factor_limit(state.speed, air.density)
     load_factor = math.copysign(math.sqrt(turn * turn + pull * pull), pull)
 
-    full_thrust = maximum_thrust(state.airspeed, state.altitude, air)
+    full_thrust = maximum_thrust(state.speed, state.altitude, air)
     weight_along_path = MASS * GRAVITY * math.sin(goal.path_angle)
     throttle = (
         parameters.speed_gain * (goal.speed - state.speed)
@@ -112,7 +112,8 @@ def pid_command(state: State, goal: Goal, parameters: PidParameters) -> Guidance
 
 
 @kernel
-def _load_parameters(row: NDArray[np.float64]) -> PidParameters:
+def load_parameters(row: NDArray[np.float64]) -> PidParameters:
+    """The parameters that an array holds."""
     return PidParameters(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 
 
@@ -123,7 +124,7 @@ def _pid_rows(
     parameter_row: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    parameters = _load_parameters(parameter_row)
+    parameters = load_parameters(parameter_row)
     for i in range(states.shape[0]):
         command = pid_command(load_state(states, i), load_goal(goals, i), parameters)
         out[i, 0] = command.roll_rate

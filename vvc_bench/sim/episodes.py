@@ -22,6 +22,7 @@ from vvc_bench.sim.task import (
     distance_reward,
     fresh_memory,
     judge,
+    judge_demonstration,
     judge_publicly,
     wrapped,
 )
@@ -71,7 +72,7 @@ def observe(
 
 
 @inlined
-def _fly_row(
+def fly_row(
     rows: NDArray[np.float64],
     memories: NDArray[np.float64],
     goals: NDArray[np.float64],
@@ -85,13 +86,16 @@ def _fly_row(
     events: NDArray[np.int64],
     i: int,
 ) -> None:
+    """Fly row i one step under ``commands[i]``, judge it and observe it, in place."""
     goal, memory = load_goal(goals, i), load_memory(memories, i)
     roll_before, clipped_before = rows[i, _ROLL], rows[i, _CLIPPED]
     after = advance_row(rows, commands, conditions, scheme, rows, i)
     if task.rules == 0.0:
         outcome = judge(task, memory, roll_before, after, goal)
-    else:
+    elif task.rules == 1.0:
         outcome = judge_publicly(task, memory, memories[:, _MEMORY:], i, roll_before, after, goal)
+    else:
+        outcome = judge_demonstration(task, memory, memories[:, _MEMORY:], i, roll_before, after, goal)
     store_memory(outcome.memory, memories, i)
     observe(after, conditions, observations, achieved, i)
     events[i] = outcome.events
@@ -136,7 +140,7 @@ def fly_rows(
     shared = conditions.shape[0] == 1
     for i in range(start, stop):
         here = load_conditions(conditions, 0 if shared else i)
-        _fly_row(rows, memories, goals, commands, here, scheme, task, observations, achieved, report, events, i)
+        fly_row(rows, memories, goals, commands, here, scheme, task, observations, achieved, report, events, i)
     return True
 
 

@@ -9,7 +9,7 @@ Two sets of rules stand side by side: the paper's text, and the public code (fly
 
 import math
 from enum import IntEnum, IntFlag
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ class Event(IntFlag):
 
 ALL_EVENTS = Event(sum(Event))
 FAILURES = ALL_EVENTS & ~(Event.REACH_TARGET | Event.TIME_LIMIT)
+Events: TypeAlias = int | NDArray[np.integer[Any]]
 
 
 class Reward(IntEnum):
@@ -68,6 +69,9 @@ class Rules(IntEnum):
     PAPER = 0
     PUBLIC_CODE = 1
     """flycraft 0.2.0: reach by the mean of a window, time out one step early, and so on (docs/environments.md)."""
+    DEMONSTRATION = 2
+    """How the paper's PID demonstrations were kept: over the last ``reach_steps`` reports, the start not among them,
+    the mean errors of speed, path angle and azimuth each lie inside their band; otherwise as `PAPER`."""
 
 
 class Task(NamedTuple):
@@ -107,11 +111,11 @@ class Task(NamedTuple):
     terminations: Annotated[float, Field(COUNT, "", "which events end an episode (`Event` bits)", 1, 0.0, 127.0)] = (
         float(ALL_EVENTS)
     )
-    rules: Annotated[float, Field(COUNT, "", "whose rules (`Rules`)", 1, 0.0, 1.0)] = float(Rules.PAPER)
+    rules: Annotated[float, Field(COUNT, "", "whose rules (`Rules`)", 1, 0.0, 2.0)] = float(Rules.PAPER)
 
 
 class Memory(NamedTuple):
-    """What the terminations remember within an episode. Under the public code's rules a window of errors follows."""
+    """What the terminations remember within an episode. Under rules that take means a window of errors follows."""
 
     steps: float
     steps_on_goal: float
@@ -146,6 +150,8 @@ _BEFORE_ANY_ERROR = degrees(-360.0)
 _RT, _C, _ES, _T = (int(event) for event in (Event.REACH_TARGET, Event.CRASH, Event.EXTREME_STATE, Event.TIME_LIMIT))
 _CMA, _CR, _NOBR = (int(event) for event in (Event.MOVE_AWAY, Event.ROLL_ON, Event.NEGATIVE_LOAD_BANKED))
 _FAILURES = int(FAILURES)
+_TERMINAL = int(Event.REACH_TARGET | FAILURES)
+_PUBLICLY_TRUNCATED = int(Event.CRASH | Event.EXTREME_STATE | Event.TIME_LIMIT)
 _DISTANCE, _SPARSE = int(Reward.DISTANCE), int(Reward.SPARSE)
 
 
@@ -307,6 +313,40 @@ def judge_publicly(
     return Outcome(memory, events, reward, speed_error, angle)
 
 
+@routine
+def judge_demonstration(
+    task: Task, memory: Memory, window: NDArray[np.float64], i: int, roll_before: float, after: State, goal: Goal
+) -> Outcome:
+    """What a step means where reaching is a mean of each error; ``window[i]`` holds the last ones, three in turn."""
+    outcome = judge(task, memory, roll_before, after, goal)
+    size = int(task.reach_steps)
+    slot = 3 * (int(memory.steps_on_goal) % size)
+    window[i, slot] = outcome.speed_error
+    window[i, slot + 1] = abs(goal.path_angle - after.path_angle)
+    window[i, slot + 2] = abs(wrapped(goal.azimuth - after.azimuth))
+    speed_sum, path_angle_sum, azimuth_sum = 0.0, 0.0, 0.0
+    for k in range(size):
+        speed_sum += window[i, 3 * k]
+        path_angle_sum += window[i, 3 * k + 1]
+        azimuth_sum += window[i, 3 * k + 2]
+    reached = (
+        outcome.memory.steps_on_goal >= task.reach_steps
+        and speed_sum < task.speed_band * size
+        and max(path_angle_sum, azimuth_sum) < task.direction_band * size
+    )
+    events = (outcome.events & ~_RT) | (_RT * int(reached) & int(task.terminations))
+    reward = _reward(task, events, outcome.memory.steps, outcome.speed_error, outcome.direction_error)
+    return Outcome(outcome.memory, events, reward, outcome.speed_error, outcome.direction_error)
+
+
+_WINDOW_COLUMNS = {Rules.PAPER: 0, Rules.PUBLIC_CODE: 2, Rules.DEMONSTRATION: 3}
+
+
+def window_width(task: Task) -> int:
+    """How many values a row needs after its `Memory`: the window of errors, where the rules take means."""
+    return _WINDOW_COLUMNS[Rules(int(task.rules))] * int(task.reach_steps)
+
+
 @kernel
 def _away(error: float, before: float, count: float) -> float:
     return count + 1.0 if error > before and error > _IGNORED_ERROR else 0.0
@@ -328,6 +368,14 @@ def _reached_on_average(
     return full and speed_sum < task.speed_band * size and angle_sum < task.direction_band * size
 
 
+def outcomes(task: Task, events: Events) -> tuple[Any, Any]:
+    """``terminated`` and ``truncated`` for the events of one step, or for an array of them."""
+    if task.rules == Rules.PUBLIC_CODE:
+        return events != 0, (events & -events & _PUBLICLY_TRUNCATED) != 0
+    terminated = (events & _TERMINAL) != 0
+    return terminated, (events != 0) != terminated
+
+
 @kernel
 def first_event(events: int) -> int:
     """The event that counts where several coincide: the lowest bit, which is the public code's order."""
@@ -337,7 +385,7 @@ def first_event(events: int) -> int:
 @kernel
 def fresh_memory(task: Task, state: State, goal: Goal) -> Memory:
     """What is remembered at the start of an episode."""
-    public = task.rules != 0.0
+    public = task.rules == 1.0
     return Memory(
         steps=0.0,
         steps_on_goal=0.0,

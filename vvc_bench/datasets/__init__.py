@@ -1,0 +1,1 @@
+"""Demonstration sets: made, measured, stored, fetched, loaded, verified."""

@@ -1,0 +1,1 @@
+"""What flights are worth: accuracy, coverage, smoothness, wear."""
