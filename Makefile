@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: help quickstart test test-slow lint figures clean
+.PHONY: help quickstart test test-slow test-train train-tests lint figures clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
@@ -18,6 +18,13 @@ test: $(VENV)/dev ## Run the tests (a few minutes)
 test-slow: $(VENV)/dev ## Run the slow tests too
 	$(BIN)/python -m pytest
 
+test-train: ## Run the tests that take Stable-Baselines3 and imitation, with the Gymnasium these need (6 GB in .venv-train)
+	$(MAKE) VENV=.venv-train train-tests
+
+train-tests: $(VENV)/train
+	$(BIN)/python -m pytest -m "not slow" tests/test_stable_baselines.py tests/test_environments.py
+	$(BIN)/python -m pytest tests/test_documentation.py -k train
+
 lint: $(VENV)/dev ## Check style, types, import layers and the tables of fields
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -28,8 +35,8 @@ lint: $(VENV)/dev ## Check style, types, import layers and the tables of fields
 figures: $(VENV)/dev ## Make the figures and tables of docs/ anew
 	set -e; for script in docs/figures/*.py; do echo "== $$script"; $(BIN)/python $$script; done
 
-clean: ## Remove the virtual environment and what was flown
-	rm -rf $(VENV) flights
+clean: ## Remove the virtual environments and what was flown
+	rm -rf $(VENV) .venv-train flights
 
 $(VENV)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -45,4 +52,9 @@ $(VENV)/base: $(VENV)/python pyproject.toml constraints.txt
 $(VENV)/dev: $(VENV)/python pyproject.toml constraints.txt
 	$(INSTALL) --editable '.[dev]'
 	-$(INSTALL) --editable '.[reference]'
+	@touch $@
+
+$(VENV)/train: $(VENV)/python pyproject.toml constraints-train.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints-train.txt \
+		--editable '.[train,plot]' pytest
 	@touch $@

@@ -3,12 +3,13 @@
     python benchmarks/environments.py [--quick]
 
 As their callers see them: observations, rewards, terminations, infos and resets included. Steps per second, median of
-repeats taken in turn.
+repeats taken in turn. What is not installed (flycraft, Stable-Baselines3, Gymnasium 1.1) is left out.
 """
 
 import argparse
 import contextlib
 import importlib.util
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -19,6 +20,7 @@ import vvc_bench  # noqa: F401  (registers the ids)
 ENVIRONMENT = "VVC/Hard-v0"
 AIRCRAFT = 4096
 STEPS = 100
+LEARNERS_AIRCRAFT = 256
 
 
 def single(steps: int = 20_000) -> Measured:
@@ -55,6 +57,44 @@ def vector(threads: int, autoreset_mode: str) -> Measured:
     return run
 
 
+def stable_baselines(environments: Any, steps: int) -> Measured:
+    environments.reset()
+    shape = (8, LEARNERS_AIRCRAFT, 3)
+    actions = np.random.default_rng(0).uniform([-60, 0.5, 0], [60, 3, 1], shape).astype(np.float32)
+
+    def run() -> int:
+        for step in range(steps):
+            environments.step(actions[step // 10 % 8])
+        return steps * LEARNERS_AIRCRAFT
+
+    return run
+
+
+def vector_cases() -> dict[str, Measured]:
+    if not hasattr(gymnasium.vector, "AutoresetMode"):
+        return {}  # Gymnasium before 1.1
+    return {
+        f"{ENVIRONMENT}, {AIRCRAFT}, {mode} autoreset, {threads} thread{'s' * (threads > 1)}": vector(threads, name)
+        for mode, name in (("next-step", "NextStep"), ("same-step", "SameStep"))
+        for threads in (1, 2)
+    }
+
+
+def stable_baselines_cases() -> dict[str, Measured]:
+    if not importlib.util.find_spec("stable_baselines3"):
+        return {}
+    from stable_baselines3.common.vec_env import DummyVecEnv
+
+    from vvc_bench.envs.stable_baselines import VelocityVectorVecEnv
+
+    many = VelocityVectorVecEnv(ENVIRONMENT, LEARNERS_AIRCRAFT, seed=0)
+    singles = DummyVecEnv([lambda: gymnasium.make(ENVIRONMENT)] * LEARNERS_AIRCRAFT)
+    return {
+        f"{ENVIRONMENT}, {LEARNERS_AIRCRAFT}, for Stable-Baselines3": stable_baselines(many, 100),
+        f"{ENVIRONMENT}, {LEARNERS_AIRCRAFT} single ones in its DummyVecEnv": stable_baselines(singles, 10),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer repeats")
@@ -62,10 +102,8 @@ def main() -> None:
     with scratch_folder(), contextlib.ExitStack() as stack:
         cases = {
             f"{ENVIRONMENT}, one": single(),
-            f"{ENVIRONMENT}, {AIRCRAFT}, next-step autoreset, 1 thread": vector(1, "NextStep"),
-            f"{ENVIRONMENT}, {AIRCRAFT}, next-step autoreset, 2 threads": vector(2, "NextStep"),
-            f"{ENVIRONMENT}, {AIRCRAFT}, same-step autoreset, 1 thread": vector(1, "SameStep"),
-            f"{ENVIRONMENT}, {AIRCRAFT}, same-step autoreset, 2 threads": vector(2, "SameStep"),
+            **vector_cases(),
+            **stable_baselines_cases(),
         }
         if importlib.util.find_spec("flycraft"):
             cases[FLYCRAFT_ENVIRONMENT] = flycraft_environment(300)

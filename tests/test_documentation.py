@@ -9,8 +9,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TRAIN = "pip install vvc-bench[train]"
+"""A block that says so is tried where that is installed, and `make test-train` tries it: its id ends in ``train``."""
 BLOCKS = [
-    pytest.param(block, id=f"{page.stem}-{i}")
+    pytest.param(block, id=f"{page.stem}-{i}{'-train' * (TRAIN in block)}")
     for page in PAGES
     for i, block in enumerate(re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL))
 ]
@@ -19,6 +21,8 @@ BLOCKS = [
 @pytest.mark.parametrize("block", BLOCKS)
 @pytest.mark.filterwarnings("ignore:.*precision lowered by casting:UserWarning")  # Gymnasium's own wrapper
 def test_python_of_the_pages(block: str) -> None:
+    if TRAIN in block:
+        pytest.importorskip("stable_baselines3", reason=f"Stable-Baselines3 is not installed: {TRAIN}")
     exec(compile(block, "page", "exec"), {})
 
 

@@ -89,7 +89,7 @@ def compare(pairs: dict[str, Pair]) -> None:
             if np.abs(observed["observation"] - theirs["observation"].clip(*bounds(ours))).max() > CHAOS:
                 break
             compared += 1
-            assert our_reward == pytest.approx(reward, abs=1e-5)
+            assert our_reward == pytest.approx(reward, abs=1e-4)  # ours by float32 goals; the root is steep at 0
             assert (our_terminated, our_truncated) == (terminated, truncated)
             assert our_info["termination"] == TERMINATIONS.get(info.get("termination", ""), "")
             if terminated or truncated:

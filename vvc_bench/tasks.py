@@ -1,5 +1,6 @@
 """The named tasks: the paper's problems (its Table 6) and the public code's, each a value and a box of goals."""
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +82,7 @@ def task_row(task: Task) -> NDArray[np.float64]:
     return np.array(task, dtype=np.float64)
 
 
+@functools.cache
 def event_names(events: int) -> tuple[str, ...]:
     """Names of the set bits, in the order of precedence: ``("crash", "extreme_state")``."""
     return tuple(str(event.name).lower() for event in Event if event in Event(int(events) & ALL_EVENTS))

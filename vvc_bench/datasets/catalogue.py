@@ -9,10 +9,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.experts.pid import APPENDIX_C, WEIGHT_COMPENSATED, PidParameters
+from vvc_bench.experts.pid import PidParameters
 from vvc_bench.goals import grid
 from vvc_bench.rollout.scenario import Scenario
-from vvc_bench.tasks import TASKS, make_task
 
 
 class Axis(NamedTuple):
@@ -20,12 +19,12 @@ class Axis(NamedTuple):
 
     low: float
     high: float
-    count: int
+    points: int
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """Shape (count,)."""
-        return np.linspace(self.low, self.high, self.count)
+        """Shape (points,)."""
+        return np.linspace(self.low, self.high, self.points)
 
 
 class GoalGrid(NamedTuple):

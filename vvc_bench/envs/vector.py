@@ -2,8 +2,8 @@
 
 from typing import Any
 
+import gymnasium
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,6 +11,14 @@ from vvc_bench.envs.fleet import Fleet
 from vvc_bench.envs.options import checked_options, make_fleet, make_spaces, seeds_for
 from vvc_bench.envs.relabelling import Relabelling
 from vvc_bench.sim.episodes import REPORT
+
+try:
+    from gymnasium.vector import AutoresetMode, VectorEnv
+except ImportError as error:
+    raise ImportError(
+        f"the vector environment takes Gymnasium 1.1 or newer, this is {gymnasium.__version__}: upgrade it, or use "
+        "single environments, or VelocityVectorVecEnv of vvc_bench.envs.stable_baselines"
+    ) from error
 
 Observed = dict[str, NDArray[np.float32]]
 Flags = NDArray[np.bool_]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench.jit import kernel, routine
-from vvc_bench.sim.fields import Field, Goal, State, degrees
+from vvc_bench.sim.fields import Field, Goal, State, degrees, field_array
 from vvc_bench.sim.units import ANGLE, ANGULAR_RATE, COUNT, METRE, METRE_PER_SECOND, ONE, STANDARD_GRAVITY
 
 
@@ -152,6 +152,7 @@ _CMA, _CR, _NOBR = (int(event) for event in (Event.MOVE_AWAY, Event.ROLL_ON, Eve
 _FAILURES = int(FAILURES)
 _TERMINAL = int(Event.REACH_TARGET | FAILURES)
 _PUBLICLY_TRUNCATED = int(Event.CRASH | Event.EXTREME_STATE | Event.TIME_LIMIT)
+_SPEED_SCALE, _ANGLE_SCALE, _ = field_array(Goal, "scale").tolist()
 _DISTANCE, _SPARSE = int(Reward.DISTANCE), int(Reward.SPARSE)
 
 
@@ -219,13 +220,32 @@ def _rolled_on(rolled: float, before: float, after: float) -> float:
 
 
 @kernel
+def _rounded(value: float, scale: float) -> float:
+    return float(np.float32(value * scale)) / scale
+
+
+@kernel
+def as_seen(motion: State | Goal) -> Goal:
+    """Speed and direction as a learner sees them: float32 in outside units.
+
+    Judged by these, a step is worth to the last bit what relabelling makes of its observations.
+    """
+    return Goal(
+        _rounded(motion.speed, _SPEED_SCALE),
+        _rounded(motion.path_angle, _ANGLE_SCALE),
+        _rounded(motion.azimuth, _ANGLE_SCALE),
+    )
+
+
+@kernel
 def judge(task: Task, memory: Memory, roll_before: float, after: State, goal: Goal) -> Outcome:
     """What a step means by the paper's text: every event of the new report, and its reward.
 
     Success comes before failure, and failure before the time limit; only enabled events are reported.
     """
-    speed_error = abs(goal.speed - after.speed)
-    angle = direction_error(after.path_angle, after.azimuth, goal)
+    achieved, wanted = as_seen(after), as_seen(goal)
+    speed_error = abs(wanted.speed - achieved.speed)
+    angle = direction_error(achieved.path_angle, achieved.azimuth, wanted)
     near = speed_error < task.speed_band and angle < task.direction_band
     fast = after.speed > task.largest_speed or abs(after.roll_rate) > task.largest_roll_rate
     banked = abs(after.roll) > task.steep_bank and after.load_factor < task.least_load_factor
@@ -275,10 +295,11 @@ def judge_publicly(
     Reaching is a mean over the window, the initial report included; moving away is judged on path angle and azimuth
     apart; the time limit comes one step early; the dense reward is added on final steps too.
     """
-    speed_error = abs(goal.speed - after.speed)
-    angle = direction_error(after.path_angle, after.azimuth, goal)
-    path_angle_error = abs(goal.path_angle - after.path_angle)
-    azimuth_error = abs(wrapped(goal.azimuth - after.azimuth))
+    achieved, wanted = as_seen(after), as_seen(goal)
+    speed_error = abs(wanted.speed - achieved.speed)
+    angle = direction_error(achieved.path_angle, achieved.azimuth, wanted)
+    path_angle_error = abs(wanted.path_angle - achieved.path_angle)
+    azimuth_error = abs(wrapped(wanted.azimuth - achieved.azimuth))
     fast = after.speed > task.largest_speed or abs(after.roll_rate) > task.largest_roll_rate
     banked = abs(after.roll) > task.steep_bank and after.load_factor < task.least_load_factor
     memory = Memory(
@@ -321,9 +342,10 @@ def judge_demonstration(
     outcome = judge(task, memory, roll_before, after, goal)
     size = int(task.reach_steps)
     slot = 3 * (int(memory.steps_on_goal) % size)
+    achieved, wanted = as_seen(after), as_seen(goal)
     window[i, slot] = outcome.speed_error
-    window[i, slot + 1] = abs(goal.path_angle - after.path_angle)
-    window[i, slot + 2] = abs(wrapped(goal.azimuth - after.azimuth))
+    window[i, slot + 1] = abs(wanted.path_angle - achieved.path_angle)
+    window[i, slot + 2] = abs(wrapped(wanted.azimuth - achieved.azimuth))
     speed_sum, path_angle_sum, azimuth_sum = 0.0, 0.0, 0.0
     for k in range(size):
         speed_sum += window[i, 3 * k]
@@ -386,11 +408,12 @@ def first_event(events: int) -> int:
 def fresh_memory(task: Task, state: State, goal: Goal) -> Memory:
     """What is remembered at the start of an episode."""
     public = task.rules == 1.0
+    achieved, wanted = as_seen(state), as_seen(goal)
     return Memory(
         steps=0.0,
         steps_on_goal=0.0,
         steps_in_band=0.0,
-        direction_error=direction_error(state.path_angle, state.azimuth, goal),
+        direction_error=direction_error(achieved.path_angle, achieved.azimuth, wanted),
         steps_moving_away=0.0,
         path_angle_error=_BEFORE_ANY_ERROR,
         azimuth_error=_BEFORE_ANY_ERROR,
