@@ -3,15 +3,17 @@
 A name's meaning never changes: another figure is a new version.
 """
 
+import difflib
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.experts.pid import PidParameters
+from vvc_bench.experts.pid import TABLE_1, WEIGHT_COMPENSATED, PidParameters
 from vvc_bench.goals import grid
 from vvc_bench.rollout.scenario import Scenario
+from vvc_bench.tasks import TASKS, make_task
 
 
 class Axis(NamedTuple):
@@ -90,6 +92,122 @@ class Specification:
     seed: int = 0
     published: Published | None = None
 
+    def to_json(self) -> dict[str, Any]:
+        """All that the set is made from, as a document."""
+        return {"name": self.name, "summary": self.summary, "seed": self.seed, "recipe": _recipe_to_json(self.recipe)}
+
+
+def _recipe_to_json(recipe: Recipe | None) -> dict[str, Any] | None:
+    match recipe:
+        case None:
+            return None
+        case FlownByLaw(grid, parameters):
+            return {"kind": "flown_by_law", "grid": _grid_to_json(grid), "parameters": parameters._asdict()}
+        case Mirrored(parent, resimulate):
+            return {"kind": "mirrored", "parent": parent, "resimulate": resimulate}
+        case Updated(grid, parent, policy):
+            return {"kind": "updated", "grid": _grid_to_json(grid), "parent": parent, "policy": policy}
+
+
+def _grid_to_json(grid: GoalGrid) -> dict[str, Any]:
+    return {name: axis._asdict() for name, axis in grid._asdict().items()}
+
 
 PAPER_GRID = GoalGrid(Axis(100.0, 300.0, 21), Axis(-85.0, 85.0, 35), Axis(-170.0, 170.0, 69))
 """Appendix D, Table 5: steps of 10 m/s, 5° and 5°, 50,715 goals."""
+
+SAMPLE_GRID = GoalGrid(Axis(100.0, 300.0, 5), Axis(-30.0, 30.0, 7), Axis(-120.0, 120.0, 9))
+"""315 of the same goals, for tests and tutorials."""
+
+_ENDINGS = ("reach_target", "crash", "time_limit")
+
+
+def _kept_by_means(step_limit: int) -> Scenario:
+    """How the paper's PID flights were kept (model.md): means over a second within 10 m/s, 1° and 1°."""
+    return Scenario(
+        make_task(
+            TASKS["hard"].task,
+            rules="demonstration",
+            direction_band_deg=1.0,
+            step_limit=step_limit,
+            terminations=_ENDINGS,
+        )
+    )
+
+
+PID, PID_400, HARD = _kept_by_means(1200), _kept_by_means(400), Scenario(TASKS["hard"].task)
+
+CATALOGUE = {
+    specification.name: specification
+    for specification in (
+        Specification(
+            "pid-v0",
+            "the paper's grid flown by the guidance law of Appendix C, 120 s at most",
+            PID,
+            FlownByLaw(PAPER_GRID, TABLE_1),
+            published=Published("D_E^0", 46000, 20.08, 10184),
+        ),
+        Specification(
+            "pid-aug-v0",
+            "pid-v0 and its mirror image",
+            PID,
+            Mirrored("pid-v0", resimulate=False),
+            published=Published("D_E^0, augmented", 46011, 20.24, 10264),
+        ),
+        Specification(
+            "pid-aug-flown-v0",
+            "pid-v0 and its mirrored commands, flown anew",
+            PID,
+            Mirrored("pid-v0", resimulate=True),
+        ),
+        Specification(
+            "pid400-v0",
+            "as pid-v0 within the task's own 400 steps",
+            PID_400,
+            FlownByLaw(PAPER_GRID, TABLE_1),
+        ),
+        Specification(
+            "pid-compensated-v0",
+            "the paper's grid flown with a weight-compensated throttle, under the rules of VVC/Hard-v0",
+            HARD,
+            FlownByLaw(PAPER_GRID, WEIGHT_COMPENSATED),
+        ),
+        Specification(
+            "pid-sample-v0", "315 goals of pid-v0, for tests and tutorials", PID, FlownByLaw(SAMPLE_GRID, TABLE_1)
+        ),
+        Specification(
+            "pid-aug-sample-v0",
+            "pid-sample-v0 and its mirror image",
+            PID,
+            Mirrored("pid-sample-v0", resimulate=False),
+        ),
+        *(
+            Specification(
+                f"irpo{k}{suffix}-v0",
+                f"iteration {k} of IRPO{', and its mirror image' if suffix else ''}: reserved",
+                HARD,
+                None,
+                published=Published(f"D_E^{k}{', augmented' if suffix else ''}", openml_id),
+            )
+            for k, suffix, openml_id in (
+                *((1, "", 46012), (1, "-aug", 46013)),
+                *((2, "", 46014), (2, "-aug", 46015)),
+                *((3, "", 46016), (3, "-aug", 46017)),
+            )
+        ),
+    )
+}
+"""Every set by name."""
+
+
+def named_specification(name: str) -> Specification:
+    """One of `CATALOGUE`.
+
+    Raises:
+        ValueError: for an unknown name; says which are known.
+    """
+    if name not in CATALOGUE:
+        close = difflib.get_close_matches(name, CATALOGUE, n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise ValueError(f"unknown set {name!r}{hint} Known are {', '.join(CATALOGUE)}")
+    return CATALOGUE[name]

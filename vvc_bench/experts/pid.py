@@ -69,6 +69,10 @@ class PidParameters(NamedTuple):
 APPENDIX_C = PidParameters()
 """The paper's expert."""
 
+TABLE_1 = PidParameters(azimuth_time_constant=6.5, path_angle_time_constant=1.1)
+"""The same law with two time constants fitted so that its flights match the first row of the paper's Table 1: measured
+at small errors, the paper's expert turns and pulls as `APPENDIX_C`, at large ones it turns more slowly."""
+
 WEIGHT_COMPENSATED = PidParameters(weight_compensation=1.0)
 """The same with a throttle that knows what a climb takes: it holds the speed in climbs and reaches more goals."""
 
