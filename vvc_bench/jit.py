@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import platformdirs
+from vvc_bench.home import home_folder
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -38,9 +38,7 @@ def source_hash() -> str:
 @functools.cache
 def cache_folder() -> Path:
     """Where this version's compiled code is kept (``VVC_BENCH_HOME``/compiled, or the platform's cache folder)."""
-    home = os.environ.get("VVC_BENCH_HOME")
-    root = Path(home) if home else platformdirs.user_cache_path("vvc-bench", appauthor=False)
-    return root / "compiled" / source_hash()
+    return home_folder() / "compiled" / source_hash()
 
 
 def _compile(function: Function, **options: object) -> Function:

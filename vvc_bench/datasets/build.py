@@ -1,0 +1,241 @@
+"""Make a set from its specification: the same bytes whatever the threads, shards, engine or interruptions."""
+
+import hashlib
+import json
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Specification
+from vvc_bench.datasets.dataset import Dataset
+from vvc_bench.datasets.folders import locked
+from vvc_bench.datasets.merge import update
+from vvc_bench.datasets.mirror import mirror, mirror_and_fly
+from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, write_dataset
+from vvc_bench.jit import source_hash
+from vvc_bench.metrics import summary
+from vvc_bench.rollout import Episodes, concatenate, fly_law
+from vvc_bench.tasks import event_names
+
+Engine = Literal["local", "ray"]
+Progress = Callable[[int, int], object]
+"""Told how many goals are done, and how many there are."""
+
+GOALS_PER_SHARD = 4096
+
+
+class _Shard(NamedTuple):
+    """A part of the grid, and where its flights are kept until all are flown."""
+
+    specification: Specification
+    goals: NDArray[np.float64]
+    folder: Path
+    threads: int | None
+
+
+def build_dataset(
+    specification: Specification,
+    folder: Path,
+    *,
+    find_parent: Callable[[str], Dataset],
+    threads: int | None = None,
+    shards: int | None = None,
+    engine: Engine = "local",
+    progress: Progress = lambda done, goals: None,  # noqa: ARG005
+) -> Path:
+    """Make a set.
+
+    An interrupted build goes on where it stopped: shards that are done lie beside ``folder``, under a name that ends
+    with a hash of specification and code.
+
+    Args:
+        specification: what to make.
+        folder: where; replaced if it exists.
+        find_parent: gives the sets that this one is made from.
+        threads: at most so many for each shard; by default all cores.
+        shards: parts that the grid is cut into; by default one for every 4,096 goals.
+        engine: ``"local"``: one shard after another; ``"ray"``: over a Ray cluster (extra ``ray``).
+        progress: told after each shard.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ValueError: for a reserved name, an impossible number of shards or an unknown engine.
+        ImportError: for Ray without its extra.
+        OSError: if it cannot be written.
+    """
+    match specification.recipe:
+        case FlownByLaw():
+            return _build_flown(specification, folder, threads, shards, engine, progress)
+        case Mirrored(parent, resimulate):
+            return _build_mirrored(specification, folder, find_parent(parent), resimulate, threads)
+    raise ValueError(f"{specification.name} cannot be built: {specification.summary}")
+
+
+def _build_flown(
+    specification: Specification,
+    folder: Path,
+    threads: int | None,
+    wanted_shards: int | None,
+    engine: Engine,
+    progress: Progress,
+) -> Path:
+    assert isinstance(specification.recipe, FlownByLaw)
+    goals = specification.recipe.grid.goals
+    count = -(-len(goals) // GOALS_PER_SHARD) if wanted_shards is None else wanted_shards
+    if not 1 <= count <= len(goals):
+        raise ValueError(f"shards must be 1 to {len(goals)}, the number of goals; got {count}")
+    if engine not in get_args(Engine):
+        raise ValueError(f"engine must be one of {', '.join(get_args(Engine))}; got {engine!r}")
+    working = _working_folder(specification, folder)
+    working.mkdir(parents=True, exist_ok=True)
+    with locked(working):
+        if working.exists():  # else another builder has just finished
+            parts = [part.copy() for part in np.array_split(goals, count)]
+            shards = [
+                _Shard(specification, part, working / "shards" / f"{i:05d}-of-{count:05d}", threads)
+                for i, part in enumerate(parts)
+            ]
+            _fly_missing(shards, engine, progress)
+            _join(shards, folder, goals)
+            shutil.rmtree(working)
+    return folder
+
+
+def _fly_missing(shards: Sequence[_Shard], engine: Engine, progress: Progress) -> None:
+    missing = [shard for shard in shards if not _is_done(shard)]
+    everything = sum(len(shard.goals) for shard in shards)
+    done = everything - sum(len(shard.goals) for shard in missing)
+    progress(done, everything)
+    for shard in _fly_all(missing, engine):
+        done += len(shard.goals)
+        progress(done, everything)
+
+
+def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64]) -> None:
+    sets = [open_dataset(shard.folder) for shard in shards]
+    events: Counter[str] = Counter()
+    for part in sets:
+        events.update(part.manifest["last_events"])
+    episodes = concatenate([part.read() for part in sets])
+    _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), {}, {})
+
+
+def _build_mirrored(
+    specification: Specification, folder: Path, parent: Dataset, resimulate: bool, threads: int | None
+) -> Path:
+    original = parent.read()
+    image = mirror_and_fly(original, threads) if resimulate else mirror(original)
+    updated = update(original, image)
+    report = {
+        "mirrored": len(original),
+        "reached": updated.offered,
+        "new_goals": updated.new,
+        "shorter": updated.shorter,
+    }
+    goals = _goals_flown(parent, specification)
+    parents = {parent.name: parent.hash}
+    _write(specification, folder, updated.episodes, goals, {}, {"mirror": report}, parents)
+    return folder
+
+
+def _goals_flown(parent: Dataset, specification: Specification) -> NDArray[np.float64]:
+    """The grid that the oldest ancestor was flown on: coverage is a share of it."""
+    from vvc_bench.datasets.catalogue import named_specification
+
+    recipe = named_specification(parent.name).recipe
+    while isinstance(recipe, Mirrored):
+        recipe = named_specification(recipe.parent).recipe
+    if recipe is None:
+        raise ValueError(f"{specification.name} is made from {parent.name}, which has no recipe")
+    return recipe.grid.goals
+
+
+def _write(
+    specification: Specification,
+    folder: Path,
+    episodes: Episodes,
+    goals: NDArray[np.float64],
+    last_events: dict[str, int],
+    report: dict[str, Any],
+    parents: dict[str, str],
+) -> None:
+    metrics = summary(episodes, goals).to_json() | report
+    write_dataset(
+        folder,
+        episodes,
+        Description(
+            name=specification.name,
+            specification=specification.to_json(),
+            seed=specification.seed,
+            last_events=last_events,
+            goals_flown=len(goals),
+            metrics=metrics,
+            parents=parents,
+        ),
+    )
+
+
+def _working_folder(specification: Specification, folder: Path) -> Path:
+    made_of = json.dumps([specification.to_json(), specification.scenario.to_json(), source_hash()])
+    return folder.with_name(f".{folder.name}.{hashlib.sha256(made_of.encode()).hexdigest()[:16]}.build")
+
+
+def _is_done(shard: _Shard) -> bool:
+    try:
+        open_dataset(shard.folder).read()
+    except (FileNotFoundError, CorruptDataset):
+        return False
+    return True
+
+
+def _fly_shard(shard: _Shard) -> _Shard:
+    """Fly a shard and keep its flights."""
+    specification = shard.specification
+    assert isinstance(specification.recipe, FlownByLaw)
+    flown = fly_law(
+        specification.scenario,
+        shard.goals,
+        specification.recipe.parameters,
+        seeds=specification.seed,
+        threads=shard.threads,
+    )
+    description = Description(
+        name=specification.name,
+        specification=specification.to_json(),
+        seed=specification.seed,
+        last_events=_count_events(flown.last_events),
+        goals_flown=len(shard.goals),
+        metrics={},
+        parents={},
+    )
+    write_dataset(shard.folder, flown.episodes, description)
+    return shard
+
+
+def _count_events(last_events: NDArray[np.int64]) -> dict[str, int]:
+    """How many flights ended with which event; of several the one that counts."""
+    names = (event_names(int(events))[:1] or ("none",) for events in last_events)
+    return dict(Counter(name for (name,) in names))
+
+
+def _fly_all(shards: Iterable[_Shard], engine: Engine) -> Iterator[_Shard]:
+    """Fly shards in any order; yields each that is done."""
+    if engine == "local":
+        yield from map(_fly_shard, shards)
+        return
+    try:
+        import ray
+    except ImportError as error:
+        raise ImportError("the engine 'ray' takes Ray, which is missing: pip install vvc-bench[ray]") from error
+    fly = ray.remote(_fly_shard)
+    waiting = [fly.remote(shard) for shard in shards]
+    while waiting:
+        ready, waiting = ray.wait(waiting)
+        yield from ray.get(ready)
