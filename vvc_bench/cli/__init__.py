@@ -16,7 +16,10 @@ from vvc_bench.version import __version__
 BAD_INPUT = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 
-COMMANDS = {"fly": "fly one flight to a goal and write it to files"}
+COMMANDS = {
+    "fly": "fly one flight to a goal and write it to files",
+    "datasets": "make, fetch, measure and check demonstration sets",
+}
 """Name, also that of the module in this package, and what it does."""
 
 

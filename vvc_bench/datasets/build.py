@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Specification
+from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Specification, goals_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.folders import locked
 from vvc_bench.datasets.merge import update
@@ -139,22 +139,10 @@ def _build_mirrored(
         "new_goals": updated.new,
         "shorter": updated.shorter,
     }
-    goals = _goals_flown(parent, specification)
+    goals = goals_flown(parent.name)
     parents = {parent.name: parent.hash}
     _write(specification, folder, updated.episodes, goals, {}, {"mirror": report}, parents)
     return folder
-
-
-def _goals_flown(parent: Dataset, specification: Specification) -> NDArray[np.float64]:
-    """The grid that the oldest ancestor was flown on: coverage is a share of it."""
-    from vvc_bench.datasets.catalogue import named_specification
-
-    recipe = named_specification(parent.name).recipe
-    while isinstance(recipe, Mirrored):
-        recipe = named_specification(recipe.parent).recipe
-    if recipe is None:
-        raise ValueError(f"{specification.name} is made from {parent.name}, which has no recipe")
-    return recipe.grid.goals
 
 
 def _write(

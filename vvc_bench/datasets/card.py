@@ -465,11 +465,6 @@ section > p:last-child, section > .wide:last-child { margin-bottom: 0; }
 .columns { columns: 20rem 2; column-gap: 2rem; margin-bottom: -1.6rem; }
 .columns + p { margin-top: 1.6rem; }
 .columns > div { break-inside: avoid; padding-bottom: 1.6rem; }
-figure { margin: 0; }
-figure img { display: block; width: 100%; height: auto; }
-figcaption, .note { color: var(--faint); font-size: 0.85rem; line-height: 1.45; }
-figcaption { margin-top: 0.4rem; }
-.wide { margin-top: 1.6rem; }
 figure { margin: 0; max-width: 32rem; }
 figure img { display: block; width: 100%; height: auto; }
 figcaption, .note { color: var(--faint); font-size: 0.85rem; line-height: 1.45; }

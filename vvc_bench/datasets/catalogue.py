@@ -72,12 +72,10 @@ Recipe: TypeAlias = FlownByLaw | Mirrored | Updated
 
 
 class Published(NamedTuple):
-    """What the paper says of the set of its own that a set stands for (Table 1), and where that is kept."""
+    """The set of the paper's that one of ours stands for; its figures are in `vvc_bench.metrics.PUBLISHED`."""
 
     name: str
     openml_id: int
-    coverage_percent: float | None = None
-    episodes: int | None = None
 
 
 @dataclass(frozen=True)
@@ -145,14 +143,14 @@ CATALOGUE = {
             "the paper's grid flown by the guidance law of Appendix C, 120 s at most",
             PID,
             FlownByLaw(PAPER_GRID, TABLE_1),
-            published=Published("D_E^0", 46000, 20.08, 10184),
+            published=Published("D_E^0", 46000),
         ),
         Specification(
             "pid-aug-v0",
             "pid-v0 and its mirror image",
             PID,
             Mirrored("pid-v0", resimulate=False),
-            published=Published("D_E^0, augmented", 46011, 20.24, 10264),
+            published=Published("D_E^0, augmented", 46011),
         ),
         Specification(
             "pid-aug-flown-v0",
@@ -198,6 +196,22 @@ CATALOGUE = {
     )
 }
 """Every set by name."""
+
+
+def goals_flown(name: str) -> NDArray[np.float64]:
+    """All goals that the oldest ancestor of a set was flown to, shape (K, 3): coverage is a share of them.
+
+    Raises:
+        ValueError: for an unknown or reserved name.
+    """
+    recipe = named_specification(name).recipe
+    match recipe:
+        case None:
+            raise ValueError(f"{name} is reserved; it has no recipe yet")
+        case Mirrored(parent, _):
+            return goals_flown(parent)
+        case _:
+            return recipe.grid.goals
 
 
 def named_specification(name: str) -> Specification:

@@ -333,7 +333,7 @@ class Dataset:
             starts=flights.starts,
         )
 
-    def environment(self, **options: Any) -> gymnasium.Env[Any, Any]:
+    def environment(self, **options: Any) -> "gymnasium.Env[Any, Any]":
         """The environment that the flights are from, with goals drawn from those here.
 
         Args:
@@ -342,7 +342,7 @@ class Dataset:
         options = environment_options(self.scenario) | {"goals": self.seen_goals.tolist()} | options
         return gymnasium.make(ENVIRONMENT_ID, **options)
 
-    def vector_environment(self, num_envs: int, **options: Any) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    def vector_environment(self, num_envs: int, **options: Any) -> "gymnasium.vector.VectorEnv[Any, Any, Any]":
         """The same for many aircraft at once; takes Gymnasium 1.1 or newer."""
         options = environment_options(self.scenario) | {"goals": self.seen_goals.tolist()} | options
         return gymnasium.make_vec(ENVIRONMENT_ID, num_envs=num_envs, vectorization_mode="vector_entry_point", **options)

@@ -33,7 +33,8 @@ def register_environments() -> None:
     if SUB_GOALS_ID not in gymnasium.registry:
         gymnasium.register(
             SUB_GOALS_ID,
-            entry_point="vvc_bench.envs.sub_goals:make_turn_climb",
+            entry_point="vvc_bench.envs.sub_goals:SubGoalsEnv",
+            vector_entry_point="vvc_bench.envs.sub_goals_vector:SubGoalsVectorEnv",
             kwargs={"task": "hard"},
             disable_env_checker=True,
             order_enforce=False,

@@ -35,6 +35,7 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
             raise ValueError(f"render_mode must be one of {self.metadata['render_modes']} or None, got {render_mode!r}")
         self.render_mode = render_mode
         self.fleet: Fleet = make_fleet(1, **options)
+        self.metadata = self.metadata | {"render_fps": self.fleet.settings.frequency_hz}
         self.task = self.fleet.task
         self._states: list[NDArray[np.float64]] = []
         self._commands: list[NDArray[np.float64]] = []
@@ -91,20 +92,22 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
     def render(self) -> NDArray[np.uint8] | None:
         """The episode so far: path, attitude, velocity vector and goal; histories of what was commanded and flown.
 
+        With ``"human"``, `reset` and `step` do this themselves.
+
         Returns:
             An image of shape (540, 960, 3) with ``"rgb_array"``; None with ``"human"``, which is a window.
 
         Raises:
             ValueError: without a render mode.
             ImportError: without matplotlib (extra ``plot``).
+            RuntimeError: with ``"human"``, without a display.
         """
         if self.render_mode is None:
             raise ValueError('nothing is recorded to be drawn; make the environment with render_mode="rgb_array"')
-        frame = draw_frame(self.flight)
         if self.render_mode == "rgb_array":
-            return frame
+            return draw_frame(self.flight)
         self._window = self._window or Window()
-        self._window.show(frame)
+        self._window.show(self.flight, ended=bool(self.fleet.events[0]))
         return None
 
     def close(self) -> None:
@@ -125,6 +128,8 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         if self._states:
             self._commands.append(self.fleet.commands[0].copy())
         self._states.append(self.fleet.rows[0].copy())
+        if self.render_mode == "human":
+            self.render()
 
     def set_goal(self, goal: ArrayLike) -> Observed:
         """Give another goal within the episode; what counts towards reaching it starts anew.

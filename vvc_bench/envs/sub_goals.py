@@ -1,66 +1,103 @@
 """Goals one after another within one episode, as in the paper's Fig. 5: a turn, an acceleration, a climb."""
 
-from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vvc_bench.envs.environment import Observed, VelocityVectorEnv
+from vvc_bench.envs.fleet import Fleet
 from vvc_bench.goals import checked_goals
+from vvc_bench.sim.task import Event
 
 TURN_CLIMB = ((200.0, 0.0, 60.0), (225.0, 0.0, 60.0), (225.0, 15.0, 60.0))
 """Level turn, straight acceleration, climb: speed in m/s, path angle and azimuth in degrees. The paper's Fig. 5 names
 the three parts and not their figures; these are ours."""
 
 
-class SubGoals(gymnasium.Wrapper[Observed, NDArray[np.float32], Observed, NDArray[np.float32]]):
-    """Reaching a goal gives the next one; reaching the last ends the episode with success.
+class SubGoalFleet(Fleet):
+    """A fleet whose aircraft get the next sub-goal in the step that reaches one; only the last ends an episode.
 
-    Infos say how many are reached, ``sub_goals_reached``; ``is_success`` is about the last. The step limit is the
-    whole episode's.
+    Where a sub-goal but the last is reached, no event but the time limit is reported: success comes before failure, as
+    everywhere.
 
     Args:
-        env: a `VelocityVectorEnv`.
+        fleet: whose aircraft and arrays these become.
         sub_goals: shape (K, 3), in outside units.
 
     Raises:
-        TypeError: for another environment.
+        ValueError: for goals that are none.
+    """
+
+    def __init__(self, fleet: Fleet, sub_goals: ArrayLike) -> None:
+        vars(self).update(vars(fleet))
+        self.sub_goals = np.atleast_2d(checked_goals(sub_goals))
+        self.reached = np.zeros(self.count, dtype=np.int64)
+
+    def begin(
+        self, which: NDArray[np.int64], goals: ArrayLike | None = None, states: NDArray[np.float64] | None = None
+    ) -> None:
+        """Begin episodes with the first sub-goal.
+
+        Raises:
+            ValueError: for other goals.
+        """
+        if goals is not None:
+            raise ValueError("the goals of this task are its sub-goals; options['goal'] cannot be given")
+        super().begin(which, self.sub_goals[0], states)
+        self.reached[which] = 0
+
+    def step(self, actions: ArrayLike, threads: int | None = None) -> None:
+        """Fly every aircraft one step, those that reach a sub-goal towards the next."""
+        super().step(actions, threads)
+        self._go_on()
+
+    def step_one(self, action: ArrayLike) -> None:
+        """Fly a fleet of one by one step, towards the next sub-goal if this one is reached."""
+        super().step_one(action)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Give the next sub-goal to those that have just reached one."""
+        there = np.flatnonzero(self.events & int(Event.REACH_TARGET))
+        if not there.size:
+            return
+        self.reached[there] = np.minimum(self.reached[there] + 1, len(self.sub_goals))
+        onward = there[self.reached[there] < len(self.sub_goals)]
+        self.events[onward] &= int(Event.TIME_LIMIT)
+        self.set_goals(onward, self.sub_goals[self.reached[onward]])
+
+
+class SubGoalsEnv(VelocityVectorEnv):
+    """Reaching a goal gives the next one; reaching the last ends the episode with success.
+
+    Infos say how many are reached, ``sub_goals_reached``; ``is_success`` is about the last. Errors and reward of a step
+    are those towards the goal that it was flown to; the observation has the next. The step limit is the whole
+    episode's.
+
+    Args:
+        sub_goals: shape (K, 3): speed in m/s, path angle and azimuth in degrees.
+        **options: as for `VelocityVectorEnv`, but no ``goals``.
+
+    Raises:
         ValueError: for goals that are none, or no goal at all.
     """
 
-    def __init__(self, env: gymnasium.Env[Observed, NDArray[np.float32]], sub_goals: ArrayLike) -> None:
-        super().__init__(env)
-        if not isinstance(env.unwrapped, VelocityVectorEnv):
-            raise TypeError(f"sub-goals need a VelocityVectorEnv, got {env.unwrapped!r}")
-        self.sub_goals = np.atleast_2d(checked_goals(sub_goals))
-        self._base = env.unwrapped
-        self._reached = 0
+    fleet: SubGoalFleet
+
+    def __init__(self, *, sub_goals: ArrayLike = TURN_CLIMB, **options: Any) -> None:
+        super().__init__(goals=sub_goals, **options)
+        self.fleet = SubGoalFleet(self.fleet, sub_goals)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observed, dict[str, Any]]:
         """Begin with the first sub-goal; ``options["goal"]`` is not for this task."""
-        if options and "goal" in options:
-            raise ValueError("the goals of this task are its sub-goals; options['goal'] cannot be given")
-        self._reached = 0
-        observation, info = self.env.reset(seed=seed, options={**(options or {}), "goal": self.sub_goals[0]})
+        observation, info = super().reset(seed=seed, options=options)
         return observation, info | {"sub_goals_reached": 0}
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observed, Any, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[Observed, float, bool, bool, dict[str, Any]]:
         """Fly one step, towards the next sub-goal if this one is reached."""
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        if info["is_success"]:
-            self._reached += 1
-            if self._reached < len(self.sub_goals):
-                observation = self._base.set_goal(self.sub_goals[self._reached])
-                truncated = self._base.task.step_limit <= info["steps"]
-                terminated = False
-                info |= {"is_success": False, "termination": "time_limit" if truncated else ""}
-        return observation, reward, terminated, truncated, info | {"sub_goals_reached": self._reached}
-
-
-def make_turn_climb(sub_goals: Sequence[Sequence[float]] = TURN_CLIMB, **options: Any) -> SubGoals:
-    """The environment ``VVC/TurnClimb-v0``: `TURN_CLIMB`, or other sub-goals, under the rules of ``VVC/Hard-v0``."""
-    return SubGoals(VelocityVectorEnv(**options), sub_goals)
+        observation, reward, terminated, truncated, info = super().step(action)
+        info["sub_goals_reached"] = self.fleet.reached.item()
+        return observation, reward, terminated, truncated, info
