@@ -25,12 +25,13 @@ train-tests: $(VENV)/train
 	$(BIN)/python -m pytest -m "not slow" tests/test_stable_baselines.py tests/test_environments.py
 	$(BIN)/python -m pytest tests/test_documentation.py -k train
 
-lint: $(VENV)/dev ## Check style, types, import layers and the tables of fields
+lint: $(VENV)/dev ## Check style, types, import layers and the tables made from definitions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python docs/figures/fields_table.py --check
+	$(BIN)/python docs/figures/environment_pages.py --check
 
 figures: $(VENV)/dev ## Make the figures and tables of docs/ anew
 	set -e; for script in docs/figures/*.py; do echo "== $$script"; $(BIN)/python $$script; done

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TRAIN = "pip install vvc-bench[train]"
 """A block that says so is tried where that is installed, and `make test-train` tries it: its id ends in ``train``."""
 BLOCKS = [

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vvc_bench.goals import UniformBox
 from vvc_bench.sim.fields import checked_inside, columns
-from vvc_bench.sim.task import ALL_EVENTS, Event, Penalty, Reward, Rules, Task
+from vvc_bench.sim.task import ALL_EVENTS, FAILURES, Event, Penalty, Reward, Rules, Task
 
 
 class Problem(NamedTuple):
@@ -75,6 +75,14 @@ def _number(name: str, value: object) -> float:
         choices = _CHOICES.get(name, Event if name == "terminations" else None)
         allowed = f"one of {', '.join(str(choice.name).lower() for choice in choices)}" if choices else "a number"
         raise ValueError(f"{name} must be {allowed}, got {value!r}") from None
+
+
+@functools.cache
+def termination(task: Task, events: int) -> str:
+    """Name of the event that ended an episode, or "" for none: of several the one that decides the reward."""
+    if task.rules != Rules.PUBLIC_CODE and events & FAILURES:
+        events &= ~Event.TIME_LIMIT
+    return (*event_names(events), "")[0]
 
 
 def task_row(task: Task) -> NDArray[np.float64]:

@@ -20,7 +20,8 @@ from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, 
 from vvc_bench.jit import source_hash
 from vvc_bench.metrics import summary
 from vvc_bench.rollout import Episodes, concatenate, fly_law
-from vvc_bench.tasks import event_names
+from vvc_bench.sim.task import Task
+from vvc_bench.tasks import termination
 
 Engine = Literal["local", "ray"]
 Progress = Callable[[int, int], object]
@@ -198,7 +199,7 @@ def _fly_shard(shard: _Shard) -> _Shard:
         name=specification.name,
         specification=specification.to_json(),
         seed=specification.seed,
-        last_events=_count_events(flown.last_events),
+        last_events=_count_events(specification.scenario.task, flown.last_events),
         goals_flown=len(shard.goals),
         metrics={},
         parents={},
@@ -207,10 +208,9 @@ def _fly_shard(shard: _Shard) -> _Shard:
     return shard
 
 
-def _count_events(last_events: NDArray[np.int64]) -> dict[str, int]:
+def _count_events(task: Task, last_events: NDArray[np.int64]) -> dict[str, int]:
     """How many flights ended with which event; of several the one that counts."""
-    names = (event_names(int(events))[:1] or ("none",) for events in last_events)
-    return dict(Counter(name for (name,) in names))
+    return dict(Counter(termination(task, events) or "none" for events in last_events.tolist()))
 
 
 def _fly_all(shards: Iterable[_Shard], engine: Engine) -> Iterator[_Shard]:

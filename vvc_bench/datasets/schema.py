@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vvc_bench.rollout import Episodes, Scenario
 from vvc_bench.rollout.episodes import PER_EPISODE, PER_TRANSITION
 from vvc_bench.sim.fields import Field, Goal, Observation, State, SurfaceCommand, columns, fields_of
-from vvc_bench.tasks import event_names
+from vvc_bench.tasks import termination
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -138,7 +138,10 @@ def transition_values(episodes: Episodes) -> Values:
 
 def episode_values(episodes: Episodes) -> Values:
     """The table of episodes."""
-    names = {events: (*event_names(events), "none")[0] for events in np.unique(episodes.final_events).tolist()}
+    names = {
+        events: termination(episodes.scenario.task, events) or "none"
+        for events in np.unique(episodes.final_events).tolist()
+    }
     first = episodes.offsets[:-1]
     values = {
         "episode": np.arange(len(episodes), dtype=np.int32),

@@ -13,7 +13,7 @@ from vvc_bench.envs.relabelling import Relabelling
 from vvc_bench.envs.rendering import Window, draw_frame
 from vvc_bench.flight.recording import Flight
 from vvc_bench.sim.episodes import REPORT
-from vvc_bench.tasks import event_names
+from vvc_bench.tasks import termination
 
 Observed = dict[str, NDArray[np.float32]]
 
@@ -86,7 +86,7 @@ class VelocityVectorEnv(Relabelling, gymnasium.Env[Observed, NDArray[np.float32]
         terminated, truncated = self.fleet.outcomes(events)
         info["is_success"] = bool(events & 1)
         info["events"] = events
-        info["termination"] = event_names(events)[0] if events else ""
+        info["termination"] = termination(self.task, events) if events else ""
         return self._observed(), reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:

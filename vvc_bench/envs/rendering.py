@@ -1,5 +1,6 @@
 """Pictures of an episode so far, by the same drawing that `vvc-bench fly` makes (extra ``plot``)."""
 
+import importlib
 import time
 from typing import Any
 
@@ -41,9 +42,8 @@ class Window:
     """
 
     def __init__(self) -> None:
+        importlib.import_module("vvc_bench.flight.plot")  # says so if matplotlib is missing
         import matplotlib.pyplot as plt
-
-        import vvc_bench.flight.plot  # noqa: F401  (says so if matplotlib is missing)
 
         if not plt.get_backend().lower().startswith(("qt", "tk", "gtk", "wx", "macosx")):
             raise RuntimeError(
@@ -59,7 +59,7 @@ class Window:
         self._shown, self._began, self._took = 0.0, 0.0, 0.0  # of the last frame: time in flight, time, and how long
 
     def show(self, flight: Flight, *, ended: bool) -> None:
-        """Show an episode so far, no earlier than due; nothing if time is lost that the last drawing took.
+        """Show an episode so far: no earlier than due, and not while it makes up for the time of the last drawing.
 
         Args:
             flight: the episode so far. Its beginning is always shown.

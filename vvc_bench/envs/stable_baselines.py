@@ -12,7 +12,7 @@ from vvc_bench.envs.fleet import Fleet
 from vvc_bench.envs.options import checked_options, make_fleet, make_spaces
 from vvc_bench.envs.relabelling import Relabelling
 from vvc_bench.sim.episodes import REPORT
-from vvc_bench.tasks import event_names
+from vvc_bench.tasks import termination
 
 try:
     from stable_baselines3.common.monitor import Monitor
@@ -124,7 +124,7 @@ class VelocityVectorVecEnv(Relabelling, VecEnv):  # type: ignore[misc]  # whose 
         return report | {
             "is_success": bool(events & 1),
             "events": events,
-            "termination": event_names(events)[0],
+            "termination": termination(self.task, events),
             "TimeLimit.truncated": only_truncated,
             "terminal_observation": self._observed(i),
             "episode": {

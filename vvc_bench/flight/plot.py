@@ -58,6 +58,7 @@ _GLYPH = [
 ]
 _GLYPH_SHADES = ("#5c7896", "#5c7896", "#48617c", "#48617c", "#33475f", "#33475f", "#c1443c")
 _WING_HALF_SPAN = 0.34
+_MOST_CORNERS = max(map(len, _GLYPH))  # matplotlib 3.11 pads shorter polygons with unset memory, which may overflow
 
 
 class Panel(NamedTuple):
@@ -238,7 +239,8 @@ def _draw_glyphs(axes: Any, places: Array, turned: Array, length: float) -> None
     polygons, colours = [], []
     for place, body_axes in zip(places, turned, strict=True):
         for outline, shade in zip(_GLYPH, _GLYPH_SHADES, strict=True):
-            polygons.append(place + length * np.array(outline) @ body_axes.T)
+            closed = np.array([*outline, *outline[-1:] * (_MOST_CORNERS - len(outline))])
+            polygons.append(place + length * closed @ body_axes.T)
             colours.append(to_rgba(shade))
     axes.add_collection3d(Poly3DCollection(polygons, facecolors=colours, edgecolors="white", lw=0.25, zorder=4))
 

@@ -18,6 +18,7 @@ from vvc_bench.sim.stepping import Scheme, advance_row, load_scheme
 from vvc_bench.sim.task import (
     Memory,
     Task,
+    as_seen,
     direction_error,
     distance_reward,
     fresh_memory,
@@ -162,7 +163,7 @@ def begin_rows(
         memory = fresh_memory(task, state, goal)
         store_memory(memory, memories, i)
         if memories.shape[1] > _MEMORY:
-            memories[i, _MEMORY] = abs(goal.speed - state.speed)
+            memories[i, _MEMORY] = abs(as_seen(goal).speed - as_seen(state).speed)
             memories[i, _MEMORY + 1] = memory.direction_error
         observe(state, load_conditions(conditions, i if conditions.shape[0] > 1 else 0), observations, achieved, i)
 
