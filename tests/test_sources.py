@@ -200,7 +200,7 @@ def test_single_flipped_bits_are_found_and_repaired(
         caplog.clear()
         load_dataset(NAME, source=str(mirror))
         assert content(copy) == expected
-        assert f"It was moved to {copy.with_name(f'.{NAME}.broken')}" in caplog.text
+        assert f"doing so now, the damaged copy is kept in {copy.with_name(f'.{NAME}.broken')}" in caplog.text
         assert content(copy.with_name(f".{NAME}.broken"))[name] == damaged
 
 
@@ -326,7 +326,7 @@ def test_manifests_that_promise_too_much_are_refused(
 ) -> None:
     files = json.loads((mirror / NAME / FILES[0]).read_text())["files"]
     rewrite(mirror, files=files | {FILES[2]: files[FILES[2]] | {"bytes": 10**18}})
-    with pytest.raises(CorruptDataset, match=r"promises 10{18} bytes of .*; at most 10{11} are taken"):
+    with pytest.raises(CorruptDataset, match=r"promises 10{18} bytes of .*, of which at most 10{11} are taken"):
         load_dataset(NAME, source=server.url)
     rewrite(mirror, files=files | {FILES[2]: files[FILES[2]] | {"bytes": 10**11}})
     monkeypatch.setattr(shutil, "disk_usage", lambda _folder: shutil._ntuple_diskusage(10**10, 0, 10**10))

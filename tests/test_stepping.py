@@ -110,6 +110,7 @@ def test_nothing_compiles_after_the_first_call() -> None:
         fly(other, states, random_commands(other, 2, 2).astype(np.float32), conditions)
         sim.step(sim.start(other), [0] * other.command_width, other)
         sim.step(states[0], np.zeros(other.command_width, dtype=int), other)
+        sim.step(np.broadcast_to(states[0], states.shape)[1], [0] * other.command_width, other)
     assert before == len(stepping._step_rows.signatures) == 1
 
 

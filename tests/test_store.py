@@ -460,6 +460,26 @@ def test_two_writers_at_once(folder: Path, flown: Episodes) -> None:
     assert debris(folder) == []
 
 
+@pytest.mark.parametrize("at_once", [True, False], ids=["swapped by the system", "renamed twice"])
+def test_many_writers_of_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_once: bool) -> None:
+    if not at_once:
+        monkeypatch.setattr(folders.ctypes, "CDLL", lambda *_, **__: object())
+
+    def work(name: str) -> None:
+        for _ in range(50):
+            with folders.replaced_folder(tmp_path / "place", "first") as place:
+                for file in ("first", "second"):
+                    (place / file).write_text(name, encoding="utf-8")
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(contents(tmp_path / "place").values())) == 1
+    assert debris(tmp_path / "place") == []
+
+
 def test_a_killed_writer_leaves_the_old_set_and_debris_that_the_next_one_removes(folder: Path, flown: Episodes) -> None:
     """kill −9 at many moments of writing, the start of the process aside."""
     script = (

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vvc_bench.datasets.pictures import DARK, LIGHT, PICTURES, Material, Picture, column_text, png, prepare
+from vvc_bench.datasets.pictures import DARK, LIGHT, PICTURES, Picture, column_text, png, prepare
 from vvc_bench.flight.files import write_whole
 from vvc_bench.metrics import PublishedFigures, Spread, Summary, Table1, VariableSmoothness, summary
 from vvc_bench.rollout import Episodes, Scenario
@@ -77,16 +77,16 @@ def write_card(
         ImportError: without matplotlib; says what to install.
         OSError: if the folder cannot be written to.
     """
-    folder = Path(folder)
     measured = summary(episodes, goals_flown)
     material = prepare(episodes, measured.coverage, paper.reached if paper else {})
-    shown = [_show(picture, material) for picture in PICTURES]
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)  # what cannot be written to is said before everything is drawn
+    shown = [Shown(picture, png(picture, material, LIGHT), png(picture, material, DARK)) for picture in PICTURES]
+    page = card_page(measured, episodes.scenario, shown, description, paper)
     for picture in shown:
         _write(folder / f"{picture.picture.name}.png", picture.light)
-    page = _page(measured, episodes.scenario, shown, description, paper)
-    path = folder / CARD
-    _write(path, page.encode())
-    return path
+    _write(folder / CARD, page.encode())
+    return folder / CARD
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -96,28 +96,25 @@ def _write(path: Path, content: bytes) -> None:
     write_whole(path, write, lambda place: place.read_bytes() == content)
 
 
-class _Shown(NamedTuple):
-    """A picture, drawn."""
+class Shown(NamedTuple):
+    """A picture as PNG files, for light and for dark pages."""
 
     picture: Picture
     light: bytes
     dark: bytes
 
 
-def _show(picture: Picture, material: Material) -> _Shown:
-    return _Shown(picture, png(picture, material, LIGHT), png(picture, material, DARK))
-
-
 # The page
 
 
-def _page(
+def card_page(
     measured: Summary,
     scenario: Scenario,
-    shown: Sequence[_Shown],
+    shown: Sequence[Shown],
     description: Mapping[str, Any],
-    paper: PublishedFigures | None,
+    paper: PublishedFigures | None = None,
 ) -> str:
+    """The page as text, from what has been measured and drawn; see `write_card`."""
     figures = {drawn.picture.name: _figure(drawn) for drawn in shown}
     name = str(description.get("name", "unnamed"))
     what = str(description.get("specification", {}).get("summary", ""))
@@ -163,7 +160,7 @@ def _beside(*parts: str) -> str:
     return "<div class=columns>" + "".join(f"<div>{part}</div>" for part in parts) + "</div>"
 
 
-def _figure(drawn: _Shown) -> str:
+def _figure(drawn: Shown) -> str:
     light, dark = (base64.b64encode(content).decode() for content in (drawn.light, drawn.dark))
     width, height = (int.from_bytes(drawn.light[at : at + 4]) for at in (16, 20))  # IHDR
     title, caption = html.escape(drawn.picture.title), html.escape(drawn.picture.caption)

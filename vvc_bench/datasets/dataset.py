@@ -180,15 +180,14 @@ class Dataset:
 
     def _groups_and_rows(self, which: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
         """The row groups that episodes lie in, and their rows among those of these groups."""
-        table = self._stored.episodes
-        groups, lengths = table["row_group"], table["length"]
-        needed = np.unique(groups[which])
-        there = np.isin(groups, needed)
-        first = np.zeros(len(groups), dtype=np.int64)
-        first[there] = np.cumsum(lengths[there]) - lengths[there]
-        ends = np.cumsum(lengths[which])
-        rows = np.arange(ends[-1] if len(ends) else 0) + np.repeat(first[which] - ends + lengths[which], lengths[which])
-        return needed.tolist(), rows
+        offsets, bounds = self._stored.offsets, self._stored.group_bounds
+        groups, index = np.unique(self._stored.episodes["row_group"][which], return_inverse=True)
+        starts, sizes = bounds[groups], bounds[groups + 1] - bounds[groups]
+        first = offsets[which] - (starts - np.cumsum(sizes) + sizes)[index]
+        lengths = offsets[which + 1] - offsets[which]
+        ends = np.cumsum(lengths)
+        rows = np.arange(ends[-1] if len(ends) else 0) + np.repeat(first - ends + lengths, lengths)
+        return groups.tolist(), rows
 
     # Choosing
 

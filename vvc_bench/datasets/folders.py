@@ -62,10 +62,35 @@ def _beside(folder: Path, what: str) -> Path:
 
 
 def _require_replaceable(folder: Path, marker: str) -> None:
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise FileExistsError(f"{folder} is no folder; it is left as it is: choose another place")
-    if folder.exists() and any(folder.iterdir()) and not (folder / marker).is_file():
-        raise FileExistsError(f"{folder} holds other things (no {marker}); it is left as it is: choose another place")
+    while True:
+        before = _identity(folder)
+        obstacle = _obstacle(folder, marker)
+        if obstacle is None:
+            return
+        if before == _identity(folder):  # else another writer replaced it while it was looked at
+            raise FileExistsError(f"{folder} {obstacle}; it is left as it is: choose another place")
+
+
+def _obstacle(folder: Path, marker: str) -> str | None:
+    """Why a folder must not be replaced."""
+    if folder.is_symlink():
+        return "is no folder"
+    try:
+        names = {path.name for path in folder.iterdir()}
+    except FileNotFoundError:
+        return None
+    except NotADirectoryError:
+        return "is no folder"
+    return f"holds other things (no {marker})" if names and marker not in names else None
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Tells one thing at a path from another that takes its place."""
+    try:
+        status = path.lstat()
+    except FileNotFoundError:
+        return None
+    return status.st_ino, status.st_ctime_ns
 
 
 def _lock(folder: Path) -> int:

@@ -21,12 +21,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.datasets.catalogue import PID
+from vvc_bench.datasets.catalogue import PAPER_GRID, PID
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.recordings import Recordings, read_recordings
 from vvc_bench.datasets.store import Description, open_dataset, write_dataset
 from vvc_bench.goals import SCALE, checked_goals
 from vvc_bench.jit import entry_point
+from vvc_bench.metrics import summary
 from vvc_bench.rollout import Episodes, Scenario, replay
 from vvc_bench.sim.fields import Goal, Observation, State, SurfaceCommand, columns, field_array
 from vvc_bench.sim.rows import load_goal, load_state, load_task
@@ -84,15 +85,15 @@ def write_imported(
         scenario: by what rules flights are judged; by default those of ``pid-v0``.
     """
     imported = to_episodes(recordings, scenario or PID, name)
+    goals_flown = _goals_flown(recordings, imported.episodes)
     reached = int(imported.episodes.reached.sum())
     description = Description(
         name=name,
         specification={"imported": {"from": origin, **imported.report}},
         seed=0,
         last_events={"reach_target": reached, "none": len(imported.episodes) - reached},
-        goals_flown=recordings.goals_flown or len(imported.episodes),
-        metrics={},
-        parents={},
+        goals_flown=len(goals_flown),
+        metrics=summary(imported.episodes, goals_flown).to_json(),
     )
     write_dataset(folder, imported.episodes, description)
 
@@ -147,6 +148,15 @@ def to_episodes(recordings: Recordings, scenario: Scenario, source: str) -> Impo
         "reflown": _reflown(episodes),
     }
     return Imported(episodes, report)
+
+
+def _goals_flown(recordings: Recordings, episodes: Episodes) -> NDArray[np.float64]:
+    """All goals that were tried: the index's, else the paper's grid if the flights' goals lie on it, else those."""
+    on_grid = set(map(tuple, PAPER_GRID.goals.tolist()))
+    if recordings.goals_flown is None and on_grid.issuperset(map(tuple, episodes.goals.tolist())):
+        return PAPER_GRID.goals
+    indexed = np.empty((0, 3)) if recordings.goals_flown is None else recordings.goals_flown
+    return np.unique(np.concatenate([indexed, episodes.goals]), axis=0)
 
 
 def _reflown(episodes: Episodes) -> dict[str, int]:

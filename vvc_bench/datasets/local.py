@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vvc_bench.datasets.download import Promise, sha256_of
-from vvc_bench.datasets.manifest import MANIFEST, CorruptDataset, parse_manifest
+from vvc_bench.datasets.manifest import MANIFEST, CorruptDataset, damaged, parse_manifest
 from vvc_bench.home import home_folder
 
 LARGEST_MANIFEST = 16 * 10**6  # bytes
@@ -59,7 +59,7 @@ def checked_name(name: str) -> str:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def one_at_a_time(folder: Path) -> Iterator[None]:
     """Be the only process that makes or replaces this copy; the system lets go of the lock of a process that dies."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with _beside(folder, "lock").open("ab") as file:
@@ -85,9 +85,18 @@ def check_copy(folder: Path) -> None:
     now = _Note(hashlib.sha256(manifest).hexdigest(), _appearance(folder, promises))
     if _read_note(folder) == now:
         return
-    for name, promise in promises.items():
-        _check_file(folder / name, promise)
+    check_files(folder, folder.name)
     _write_note(folder, now if _settled(now) else now._replace(files={}))
+
+
+def check_files(folder: Path, name: str) -> None:
+    """Read every file of a dataset and compare it with the manifest.
+
+    Raises:
+        CorruptDataset: if one differs.
+    """
+    for file, promise in promised_files(_read_manifest(folder), name, folder / MANIFEST).items():
+        _check_file(folder / file, promise)
 
 
 def set_aside(folder: Path, fault: CorruptDataset) -> None:
@@ -95,7 +104,7 @@ def set_aside(folder: Path, fault: CorruptDataset) -> None:
     broken = _beside(folder, "broken")
     shutil.rmtree(broken, ignore_errors=True)
     folder.rename(broken)
-    _log.warning("%s. It was moved to %s; now that is done for you", fault, broken)
+    _log.warning("%s; doing so now, the damaged copy is kept in %s", fault, broken)
 
 
 def promised_files(manifest: bytes, name: str, place: Path) -> dict[str, Promise]:
@@ -111,11 +120,11 @@ def promised_files(manifest: bytes, name: str, place: Path) -> dict[str, Promise
     """
     document = parse_manifest(manifest, place)
     if document["name"] != name:
-        raise CorruptDataset(f"{place} is the manifest of {document['name']!r}, not of {name!r}")
+        raise damaged(place, f"is the manifest of {document['name']!r}, not of {name!r}")
     promises = {file: Promise(stated["bytes"], stated["sha256"]) for file, stated in document["files"].items()}
     for file, promise in promises.items():
         if promise.bytes > LARGEST_FILE:
-            raise CorruptDataset(f"{place} promises {promise.bytes} bytes of {file}; at most {LARGEST_FILE} are taken")
+            raise damaged(place, f"promises {promise.bytes} bytes of {file}, of which at most {LARGEST_FILE} are taken")
     return promises
 
 
@@ -123,16 +132,16 @@ def _read_manifest(folder: Path) -> bytes:
     try:
         return (folder / MANIFEST).read_bytes()
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError) as fault:
-        raise CorruptDataset(f"{folder / MANIFEST} is missing") from fault
+        raise damaged(folder / MANIFEST, "is missing") from fault
 
 
 def _check_file(path: Path, promise: Promise) -> None:
     if not path.is_file():
-        raise CorruptDataset(f"{path} is missing")
+        raise damaged(path, "is missing")
     if path.stat().st_size != promise.bytes:
-        raise CorruptDataset(f"{path} has {path.stat().st_size} bytes and should have {promise.bytes}")
+        raise damaged(path, f"has {path.stat().st_size} bytes and should have {promise.bytes}")
     if sha256_of(path) != promise.sha256:
-        raise CorruptDataset(f"{path} differs from its checksum")
+        raise damaged(path, "differs from its checksum")
 
 
 def _appearance(folder: Path, files: Mapping[str, Promise]) -> dict[str, list[int]]:

@@ -3,7 +3,6 @@
 Its server, its API key and its number of attempts are what the user has configured there. The cache is ours.
 """
 
-import csv
 import hashlib
 import importlib
 import re
@@ -58,7 +57,7 @@ def upload_table(table: pa.Table, description: Mapping[str, Any], cache: Path) -
     """Put a table on OpenML under the configured API key.
 
     Args:
-        table: numbers and strings, no nulls.
+        table: numbers, no nulls.
         description: what `openml.OpenMLDataset` takes, besides the data.
         cache: a folder for the package's files.
 
@@ -110,20 +109,12 @@ def read_arff(path: Path) -> pa.Table:
 
 
 def arff_text(table: pa.Table) -> str:
-    """A table as an ARFF file's content; numbers are written so that they read back as the same."""
-    types = {"i": "INTEGER", "u": "INTEGER", "f": "REAL"}
-    frame = table.to_pandas()
-    header = [f"@ATTRIBUTE {name} {types.get(frame[name].dtype.kind, 'STRING')}" for name in frame]
-    rows = frame.to_csv(
-        header=False,
-        index=False,
-        quoting=csv.QUOTE_NONNUMERIC,
-        quotechar="'",
-        escapechar="\\",
-        doublequote=False,
-        lineterminator="\n",
-    )
-    return "\n".join(["@RELATION vvc-bench", *header, "@DATA", rows])
+    """A table of numbers as an ARFF file's content; they are written so that they read back as the same."""
+    kinds = {field.name: "REAL" if pa.types.is_floating(field.type) else "INTEGER" for field in table.schema}
+    header = [f"@ATTRIBUTE {name} {kind}" for name, kind in kinds.items()]
+    rows = pa.BufferOutputStream()
+    pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False, quoting_style="none"))
+    return "\n".join(["@RELATION vvc-bench", *header, "@DATA", rows.getvalue().to_pybytes().decode()])
 
 
 def _import(module: str) -> Any:

@@ -60,7 +60,7 @@ class Recordings:
         states: shape (N, 8), in outside units.
         actions: shape (N, 3), in outside units.
         frequency_hz: rows per second; None where there are no times.
-        goals_flown: how many goals were tried, where there is an index.
+        goals_flown: shape (G, 3): all goals that were tried, in outside units; None where there is no index.
         notes: what else a reader should know, by name.
     """
 
@@ -69,7 +69,7 @@ class Recordings:
     states: NDArray[np.float64]
     actions: NDArray[np.float64]
     frequency_hz: float | None
-    goals_flown: int | None
+    goals_flown: NDArray[np.float64] | None
     notes: Mapping[str, Any]
 
 
@@ -180,11 +180,12 @@ def _read_flights(place: str, files: Iterator[tuple[str, bytes]]) -> Recordings:
     """One CSV file for each flight, its goal in its name, and an index if there is one."""
     flights: list[Recordings] = []
     goals: list[tuple[float, ...]] = []
-    index, others = None, []
+    index: NDArray[np.float64] | None = None
+    others: list[str] = []
     for name, content in files:
         named = _FLIGHT_FILE.fullmatch(name)
         if name == INDEX:
-            index = pa.csv.read_csv(io.BytesIO(content))
+            index = _read_index(content)
         elif named:
             flights.append(_read_flight(name, content))
             goals.append(tuple(float(number) for number in named.groups()))
@@ -193,7 +194,7 @@ def _read_flights(place: str, files: Iterator[tuple[str, bytes]]) -> Recordings:
     if not flights:
         raise UnknownLayoutError(
             f"{place} has no file named like traj_200_10_-30.csv, for the goal (200 m/s, 10°, −30°); "
-            f"found {_some([*([INDEX] if index else []), *others]) or 'no CSV file'}"
+            f"found {_some([*([] if index is None else [INDEX]), *others]) or 'no CSV file'}"
         )
     frequencies = sorted({flight.frequency_hz for flight in flights if flight.frequency_hz is not None})
     if len(frequencies) > 1:
@@ -205,7 +206,7 @@ def _read_flights(place: str, files: Iterator[tuple[str, bytes]]) -> Recordings:
         states=np.concatenate([flight.states for flight in flights]),
         actions=np.concatenate([flight.actions for flight in flights]),
         frequency_hz=frequencies[0] if frequencies else None,
-        goals_flown=None if index is None else index.num_rows,
+        goals_flown=None if index is None else checked_goals(index[:, :-1]),
         notes={
             "layout": "one file for each flight",
             "index": None if index is None else _compared(index, dict(zip(goals, lengths.tolist(), strict=True))),
@@ -223,15 +224,20 @@ def _read_flight(name: str, content: bytes) -> Recordings:
     return flight
 
 
-def _compared(index: pa.Table, lengths: Mapping[tuple[float, ...], int]) -> dict[str, int]:
-    """What the index says, and where the files, which count, say otherwise."""
+def _read_index(content: bytes) -> NDArray[np.float64]:
+    """Goals flown, and how many rows each flight has, 0 where it failed; shape (G, 4)."""
+    table = pa.csv.read_csv(io.BytesIO(content))
     names = (*GOALS[-1], "length")
-    if not set(names) <= set(index.column_names):
-        raise UnknownLayoutError(f"{INDEX} must have columns {', '.join(names)}; it has {_some(index.column_names)}")
-    rows = _numbers(index, names)
-    stated = {tuple(goal): int(length) for *goal, length in rows.tolist() if length > 0}
+    if not set(names) <= set(table.column_names):
+        raise UnknownLayoutError(f"{INDEX} must have columns {', '.join(names)}; it has {_some(table.column_names)}")
+    return _numbers(table, names)
+
+
+def _compared(index: NDArray[np.float64], lengths: Mapping[tuple[float, ...], int]) -> dict[str, int]:
+    """What the index says, and where the files, which count, say otherwise."""
+    stated = {tuple(goal): int(length) for *goal, length in index.tolist() if length > 0}
     return {
-        "goals": len(rows),
+        "goals": len(index),
         "reached": len(stated),
         "without_a_file": len(stated.keys() - lengths.keys()),
         "of_another_length": sum(lengths[goal] != stated[goal] for goal in stated.keys() & lengths.keys()),

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from vvc_bench.datasets.catalogue import CATALOGUE, Specification
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.download import without_secrets
-from vvc_bench.datasets.local import check_copy, checked_name, datasets_folder, locked, set_aside
+from vvc_bench.datasets.local import check_copy, checked_name, datasets_folder, one_at_a_time, set_aside
 from vvc_bench.datasets.manifest import MANIFEST
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.remote import fetch_dataset, is_local
@@ -105,7 +105,7 @@ def _fault(folder: Path) -> Exception | None:
 
 def _obtain(name: str, folder: Path, ways: list[_Way]) -> None:
     """Make or fetch a copy, unless another process has done so in the meantime."""
-    with locked(folder):
+    with one_at_a_time(folder):
         fault = _fault(folder)
         if fault is None:
             return
@@ -127,7 +127,8 @@ def _obtain(name: str, folder: Path, ways: list[_Way]) -> None:
 
 def _failure(name: str, failures: dict[str, Exception]) -> Exception:
     """What to say when no way has led to the dataset."""
-    if name not in known_names() and all(isinstance(failure, FileNotFoundError) for failure in failures.values()):
+    known = name in known_names() or _ON_OPENML.fullmatch(name)
+    if not known and all(isinstance(failure, FileNotFoundError) for failure in failures.values()):
         return ValueError(_unknown(name, list(failures)))
     if len(failures) == 1:
         return next(iter(failures.values()))

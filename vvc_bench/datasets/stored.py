@@ -75,6 +75,17 @@ class StoredSet:
         return self._episodes[0]
 
     @functools.cached_property
+    def offsets(self) -> NDArray[np.int64]:
+        """Row of each episode's first transition, and the number of transitions; shape (E + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.episodes["length"], dtype=np.int64)])
+
+    @functools.cached_property
+    def group_bounds(self) -> NDArray[np.int64]:
+        """Row that each row group begins with, and the number of transitions."""
+        _, first = np.unique(self.episodes["row_group"], return_index=True)
+        return np.append(self.offsets[first], self.offsets[-1])
+
+    @functools.cached_property
     def episode_arrays(self) -> dict[str, Any]:
         """What `Episodes` hold of each episode, read-only."""
         arrays = arrays_of(self.episodes, self.layout.episodes)
@@ -109,9 +120,8 @@ class StoredSet:
         """
         self.verify()
         transitions = self.transitions.read(list(self.transition_columns))
-        offsets = np.concatenate([[0], np.cumsum(self.episodes["length"], dtype=np.int64)])
         arrays = arrays_of(transitions, self.layout.transitions)
-        episodes = Episodes(self.scenario, offsets=offsets, **self.episode_arrays, **arrays)
+        episodes = Episodes(self.scenario, offsets=self.offsets, **self.episode_arrays, **arrays)
         for file, stored, expected in (
             (EPISODES, self.episodes, episode_values(episodes)),
             (TRANSITIONS, transitions, transition_values(episodes)),

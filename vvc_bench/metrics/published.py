@@ -16,7 +16,8 @@ class PublishedFigures(NamedTuple):
     table_1: Mapping[str, Mapping[str, float | Spread]]
     """Whose figures → field of `vvc_bench.metrics.Table1` → figure."""
     table_12: Mapping[str, tuple[float, float]] = _NOTHING
-    """Column → s₁ and s₂, NaN where not known."""
+    """Column → s₁ and s₂, NaN where not known. Of the paper's only s₁ of θ is known here, 0.25 for `pid-v0`, and that
+    looks like a slip: 0.05 is measured with the paper's binaries (model.md)."""
     reached: Mapping[str, Mapping[float, int]] = _NOTHING
     """Column of the goal → its value → goals reached there; counted with the paper's binaries (model.md)."""
 
@@ -47,7 +48,6 @@ PUBLISHED: Mapping[str, PublishedFigures] = MappingProxyType(
                     "azimuth_error_deg": Spread(0.53, _UNKNOWN),
                 },
             },
-            table_12={"pitch_deg": (0.25, _UNKNOWN)},  # looks like a slip: 0.05 is measured (model.md)
             reached={"speed_mps": {100.0: 553, 140.0: 394, 260.0: 571, 300.0: 326}},
         ),
         "pid-aug-v0": PublishedFigures(

@@ -87,7 +87,8 @@ class Episodes:
 
     def select(self, which: ArrayLike) -> "Episodes":
         """Some of the episodes, by index or mask, in the order given."""
-        chosen = np.arange(len(self))[np.asarray(which)]
+        indices = np.asarray(which)
+        chosen = np.arange(len(self))[indices if indices.size else indices.astype(np.int64)]
         lengths = self.lengths[chosen]
         offsets = np.concatenate([[0], np.cumsum(lengths)])
         rows = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], lengths)

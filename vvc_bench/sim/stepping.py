@@ -370,11 +370,10 @@ def step(
     Raises:
         ValueError: for wrong shapes or a command with NaN; the state is then as it was.
     """
-    command = np.ascontiguousarray(command, dtype=np.float64)
     out = np.empty(state.shape) if out is None else out
-    rows, commands = state[None], command[None]
+    rows, commands = _plain(state)[None], _plain(command)[None]
     _check_shapes(rows, commands, conditions, settings, out[None])
-    if not _step_rows(rows, commands, conditions, settings.row, out[None], 0, 1):
+    if not _step_rows(rows, commands, _plain(conditions), settings.row, out[None], 0, 1):
         raise _nan_command(commands, settings)
     return out
 
@@ -404,7 +403,7 @@ def step_many(
     Raises:
         ValueError: for wrong shapes or a command with NaN; the states are then as they were.
     """
-    commands = np.ascontiguousarray(commands, dtype=np.float64)
+    states, commands, conditions = _plain(states), _plain(commands), _plain(conditions)
     out = np.empty(states.shape) if out is None else out
     _check_shapes(states, commands, conditions, settings, out)
     if np.isnan(commands).any():
@@ -421,6 +420,12 @@ def smallest_share(settings: Settings) -> int:
     """Aircraft below which another thread does not pay."""
     evaluations = settings.scheme.substeps * (STAGES if settings.scheme.accurate else 1)
     return max(1, SMALLEST_SHARE // evaluations)
+
+
+def _plain(values: ArrayLike) -> NDArray[np.float64]:
+    """The kind of array that the kernel is compiled for: another kind, as a read-only one, would compile it anew."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
 
 
 def _check_shapes(

@@ -334,6 +334,17 @@ def judge_publicly(
     return Outcome(memory, events, reward, speed_error, angle)
 
 
+@kernel
+def _means_inside(task: Task, window: NDArray[np.float64], i: int) -> bool:
+    size = int(task.reach_steps)
+    speed_sum, path_angle_sum, azimuth_sum = 0.0, 0.0, 0.0
+    for k in range(size):
+        speed_sum += window[i, 3 * k]
+        path_angle_sum += window[i, 3 * k + 1]
+        azimuth_sum += window[i, 3 * k + 2]
+    return speed_sum < task.speed_band * size and max(path_angle_sum, azimuth_sum) < task.direction_band * size
+
+
 @routine
 def judge_demonstration(
     task: Task, memory: Memory, window: NDArray[np.float64], i: int, roll_before: float, after: State, goal: Goal
@@ -343,18 +354,16 @@ def judge_demonstration(
     size = int(task.reach_steps)
     slot = 3 * (int(memory.steps_on_goal) % size)
     achieved, wanted = as_seen(after), as_seen(goal)
+    path_angle_error = abs(wanted.path_angle - achieved.path_angle)
+    azimuth_error = abs(wrapped(wanted.azimuth - achieved.azimuth))
     window[i, slot] = outcome.speed_error
-    window[i, slot + 1] = abs(wanted.path_angle - achieved.path_angle)
-    window[i, slot + 2] = abs(wrapped(wanted.azimuth - achieved.azimuth))
-    speed_sum, path_angle_sum, azimuth_sum = 0.0, 0.0, 0.0
-    for k in range(size):
-        speed_sum += window[i, 3 * k]
-        path_angle_sum += window[i, 3 * k + 1]
-        azimuth_sum += window[i, 3 * k + 2]
+    window[i, slot + 1] = path_angle_error
+    window[i, slot + 2] = azimuth_error
     reached = (
         outcome.memory.steps_on_goal >= task.reach_steps
-        and speed_sum < task.speed_band * size
-        and max(path_angle_sum, azimuth_sum) < task.direction_band * size
+        and outcome.speed_error < task.speed_band * size  # else the newest error alone is too much for the mean
+        and max(path_angle_error, azimuth_error) < task.direction_band * size
+        and _means_inside(task, window, i)
     )
     events = (outcome.events & ~_RT) | (_RT * int(reached) & int(task.terminations))
     reward = _reward(task, events, outcome.memory.steps, outcome.speed_error, outcome.direction_error)

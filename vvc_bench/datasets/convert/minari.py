@@ -15,7 +15,8 @@ from vvc_bench.sim.fields import Conditions
 
 try:
     import minari
-    from minari import EpisodeBuffer, MinariDataset
+    from minari import MinariDataset
+    from minari.data_collector import EpisodeBuffer
 except ImportError as error:
     raise ImportError("this takes Minari, which is missing: pip install vvc-bench[minari]") from error
 

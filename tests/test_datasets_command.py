@@ -1,0 +1,110 @@
+"""``vvc-bench datasets`` as its users run it: real processes, real files."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+SAMPLE = "pid-sample-v0"
+
+
+def run(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", "-m", "vvc_bench", "datasets", *arguments]
+    environment = os.environ | {"PYTHONUTF8": "1", "VVC_BENCH_HOME": str(home), "VVC_BENCH_OFFLINE": "1"}
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", cwd=home, env=environment)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A home with one set, and this process's compiled code."""
+    folder = tmp_path_factory.mktemp("home")
+    known = os.environ.get("VVC_BENCH_HOME")
+    if known and (Path(known) / "compiled").is_dir():
+        (folder / "compiled").symlink_to(Path(known) / "compiled")
+    done = run(folder, "build", SAMPLE)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert "157" in done.stdout
+    return folder
+
+
+def test_what_is_here_is_marked(home: Path) -> None:
+    done = run(home, "list", "--json")
+    rows = {row["name"]: row for row in json.loads(done.stdout)}
+    assert rows[SAMPLE]["here"]
+    assert not rows["pid-v0"]["here"]
+    assert rows["pid-v0"]["openml_id"] == 46000
+    assert f"* {SAMPLE}" in run(home, "list").stdout
+
+
+def test_a_set_says_what_it_is(home: Path) -> None:
+    document = json.loads(run(home, "info", SAMPLE, "--json").stdout)
+    assert document["counts"]["episodes"] == document["metrics"]["table_1"]["trajectories"]
+    assert str(home) in document["folder"]
+
+
+def test_verifying_finds_one_changed_byte(home: Path, tmp_path: Path) -> None:
+    assert run(home, "build", SAMPLE, "--output", str(tmp_path / "copy")).returncode == 0
+    good = run(home, "verify", str(tmp_path / "copy"), "--json")
+    assert (good.returncode, json.loads(good.stdout)["passed"]) == (0, True)
+    file = tmp_path / "copy" / "transitions-00000.parquet"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 4
+    file.write_bytes(content)
+    bad = run(home, "verify", str(tmp_path / "copy"))
+    assert bad.returncode == 2
+    assert "transitions-00000.parquet" in bad.stderr
+    assert "Traceback" not in bad.stderr
+
+
+def test_differences_between_two_sets(home: Path) -> None:
+    assert run(home, "build", "pid-aug-sample-v0").returncode == 0
+    found = json.loads(run(home, "diff", SAMPLE, "pid-aug-sample-v0", "--json").stdout)
+    assert found["gained"] == [[300.0, -30.0, -60.0]]
+    assert found["lost"] == []
+    assert len(found["shortened"]) > 10
+
+
+def test_exports_read_back(home: Path, tmp_path: Path) -> None:
+    for name in ("csv", "npz"):
+        done = run(home, "export", SAMPLE, "--format", name, "--output", str(tmp_path / f"set.{name}"))
+        assert done.returncode == 0, done.stderr
+    frame = pd.read_csv(tmp_path / "set.csv")
+    with np.load(tmp_path / "set.npz") as arrays:
+        assert len(frame) == len(arrays["rewards"])
+        np.testing.assert_allclose(frame["reward"], arrays["rewards"], rtol=1e-6)
+        assert arrays["terminals"].sum() == 157
+
+
+def test_the_card_is_one_page_and_pictures(home: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    done = run(home, "plot", SAMPLE, "--output", str(tmp_path / "card"))
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "card" / "card.html").read_text(encoding="utf-8")
+    assert SAMPLE in page
+    assert "http-equiv" not in page
+    assert list((tmp_path / "card").glob("*.png"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("info", "pid-v9"), "unknown dataset 'pid-v9'; did you mean"),
+        (("info", "../secrets"), "no dataset"),
+        (("build", "irpo1-v0"), "reserved"),
+        (("build", SAMPLE, "--shards", "0"), "must be at least 1"),
+        (("build", SAMPLE, "--engine", "slurm"), "invalid choice"),
+        (("export", SAMPLE, "--format", "hdf5", "--output", "x"), "invalid choice"),
+        ((), "required"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(home: Path, arguments: tuple[str, ...], said: str) -> None:
+    done = run(home, *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not done.stdout
