@@ -9,8 +9,10 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --co
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 14
 
-quickstart: $(VENV)/base ## Fly to a goal and write the flight as CSV, Parquet, PNG and Tacview files into flights/
+quickstart: $(VENV)/base ## Fly to a goal (files in flights/), build the demonstration set pid-v0, draw its data card (cards/)
 	$(BIN)/vvc-bench fly --goal 220,20,-60 --output flights
+	$(BIN)/vvc-bench datasets build pid-v0
+	$(BIN)/vvc-bench datasets plot pid-v0
 
 test: $(VENV)/dev ## Run the tests (a few minutes)
 	$(BIN)/python -m pytest -m "not slow"
@@ -18,12 +20,12 @@ test: $(VENV)/dev ## Run the tests (a few minutes)
 test-slow: $(VENV)/dev ## Run the slow tests too
 	$(BIN)/python -m pytest
 
-test-train: ## Run the tests that take Stable-Baselines3 and imitation, with the Gymnasium these need (6 GB in .venv-train)
+test-train: ## Run the tests that take Stable-Baselines3, imitation and Ray, with the Gymnasium these need (6 GB in .venv-train)
 	$(MAKE) VENV=.venv-train train-tests
 
 train-tests: $(VENV)/train
-	$(BIN)/python -m pytest -m "not slow" tests/test_stable_baselines.py tests/test_environments.py
-	$(BIN)/python -m pytest tests/test_documentation.py -k train
+	$(BIN)/python -m pytest -m "not slow" tests/test_stable_baselines.py tests/test_environments.py tests/test_dataset_conversions.py
+	$(BIN)/python -m pytest tests/test_documentation.py tests/test_build.py -k "train or ray"
 
 lint: $(VENV)/dev ## Check style, types, import layers and the tables made from definitions
 	$(BIN)/ruff check .
@@ -36,8 +38,8 @@ lint: $(VENV)/dev ## Check style, types, import layers and the tables made from 
 figures: $(VENV)/dev ## Make the figures and tables of docs/ anew
 	set -e; for script in docs/figures/*.py; do echo "== $$script"; $(BIN)/python $$script; done
 
-clean: ## Remove the virtual environments and what was flown
-	rm -rf $(VENV) .venv-train flights
+clean: ## Remove the virtual environments, what was flown and what was drawn
+	rm -rf $(VENV) .venv-train flights cards
 
 $(VENV)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -57,5 +59,5 @@ $(VENV)/dev: $(VENV)/python pyproject.toml constraints.txt
 
 $(VENV)/train: $(VENV)/python pyproject.toml constraints-train.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints-train.txt \
-		--editable '.[train,plot]' pytest
+		--editable '.[train,plot,ray]' pytest
 	@touch $@

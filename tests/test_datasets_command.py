@@ -108,3 +108,12 @@ def test_bad_input_is_one_line_and_exit_code_2(home: Path, arguments: tuple[str,
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
     assert not done.stdout
+
+
+def test_publishing_writes_a_mirror_with_the_card(home: Path, tmp_path: Path) -> None:
+    done = run(home, "publish", SAMPLE, "--dir", str(tmp_path / "public"), "--json")
+    place = Path(json.loads(done.stdout)["folder"])
+    assert place == tmp_path / "public" / SAMPLE
+    assert {"manifest.json", "card.html", "coverage.png", "openml.json"} <= {path.name for path in place.iterdir()}
+    fetched = run(home, "download", SAMPLE, "--source", str(tmp_path / "public"), "--json")
+    assert json.loads(fetched.stdout)["hash"] == json.loads(run(home, "info", SAMPLE, "--json").stdout)["hash"]

@@ -31,10 +31,8 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_published_directory_is_a_mirror(dataset: Dataset, tmp_path: Path) -> None:
-    (dataset.folder / "card.html").write_text("<p>card</p>")
-    (dataset.folder / "coverage.png").write_bytes(b"picture")
     place = publish(dataset, tmp_path / "public")
-    files = {"manifest.json", "episodes.parquet", "transitions-00000.parquet", "card.html", "coverage.png"}
+    files = {"manifest.json", "episodes.parquet", "transitions-00000.parquet"}
     assert {path.name for path in place.iterdir()} == files | {OPENML_ENTRY}
     with serving(tmp_path / "public") as server:
         assert load_dataset(NAME, source=server.url).hash == dataset.hash

@@ -2,15 +2,17 @@
 
 import argparse
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
 from vvc_bench.datasets.build import Engine, build_dataset
-from vvc_bench.datasets.catalogue import CATALOGUE, goals_flown, named_specification
+from vvc_bench.datasets.catalogue import CATALOGUE, named_specification
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.local import datasets_folder
 from vvc_bench.datasets.progress import progress_line
+from vvc_bench.datasets.publish import publish, publish_on_openml
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.datasets.store import open_dataset
 from vvc_bench.datasets.verify import Difference, difference, fly_again
@@ -124,7 +126,7 @@ def _cell(value: Any, digits: int = 0) -> str:
     if isinstance(value, (int, float)):
         return f"{value:,.{digits}f}"
     mean, std = value.values() if isinstance(value, dict) else value
-    return f"{mean:.{digits}f}±{std:.{digits}f}"
+    return f"{mean:.{digits}f}" + ("" if math.isnan(std) else f"±{std:.{digits}f}")
 
 
 def _build_options(parser: argparse.ArgumentParser) -> None:
@@ -274,13 +276,29 @@ def _plot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from vvc_bench.datasets.card import write_card
+    from vvc_bench.datasets.card import write_dataset_card
 
     dataset = load_dataset(options.set, source=options.source)
-    folder = options.output or Path("cards") / dataset.name
-    description = {**dataset.manifest, "hash": dataset.hash}
-    card = write_card(folder, dataset.read(), goals_flown(dataset.name), description, PUBLISHED.get(dataset.name))
+    card = write_dataset_card(dataset, options.output or Path("cards") / dataset.name)
     _show(options, {"card": str(card)}, [f"wrote {card}, and its pictures beside it"])
+    return 0
+
+
+def _publish_options(parser: argparse.ArgumentParser) -> None:
+    _one_set(parser)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--dir", type=Path, metavar="FOLDER", help="write files and data card into FOLDER/NAME")
+    where.add_argument("--openml", action="store_true", help="upload under the API key of `openml configure apikey`")
+
+
+def _publish(options: argparse.Namespace) -> int:
+    dataset = load_dataset(options.set, source=options.source)
+    if options.openml:
+        number = publish_on_openml(dataset)
+        _show(options, {"openml_id": number}, [f"{dataset.name} is openml-{number}"])
+        return 0
+    place = publish(dataset, options.dir)
+    _show(options, {"folder": str(place)}, [f"wrote {place}; whoever serves {options.dir} runs a mirror"])
     return 0
 
 
@@ -293,4 +311,5 @@ _COMMANDS = {
     "diff": _Command("compare two sets goal by goal", _diff_options, _diff),
     "export": _Command("write a set in another format", _export_options, _export),
     "plot": _Command("write a set's data card: one page, and pictures", _plot_options, _plot),
+    "publish": _Command("make a set ready for others: a mirror's folder, or OpenML", _publish_options, _publish),
 }

@@ -15,9 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vvc_bench.datasets.catalogue import goals_flown
+from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.pictures import DARK, LIGHT, PICTURES, Picture, column_text, png, prepare
 from vvc_bench.flight.files import write_whole
-from vvc_bench.metrics import PublishedFigures, Spread, Summary, Table1, VariableSmoothness, summary
+from vvc_bench.metrics import PUBLISHED, PublishedFigures, Spread, Summary, Table1, VariableSmoothness, summary
 from vvc_bench.rollout import Episodes, Scenario
 from vvc_bench.sim.task import Event, Rules, Task
 from vvc_bench.sim.units import DEGREES_PER_RADIAN
@@ -87,6 +89,18 @@ def write_card(
         _write(folder / f"{picture.picture.name}.png", picture.light)
     _write(folder / CARD, page.encode())
     return folder / CARD
+
+
+def write_dataset_card(dataset: Dataset, folder: Path | str) -> Path:
+    """The same for a dataset of the catalogue, with the paper's figures where there are some.
+
+    Raises:
+        ValueError: for a name that the catalogue does not have: it is not known then which goals were flown.
+        ImportError: without matplotlib; says what to install.
+        OSError: if the folder cannot be written to.
+    """
+    description = {**dataset.manifest, "hash": dataset.hash}
+    return write_card(folder, dataset.read(), goals_flown(dataset.name), description, PUBLISHED.get(dataset.name))
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -22,11 +22,10 @@ from vvc_bench.version import __version__
 OPENML_ENTRY = "openml.json"
 """What OpenML is told of the set: the arguments of `openml.OpenMLDataset` besides the data."""
 
-_CARD = ("*.html", "*.png")
-
-
 def publish(dataset: Dataset, directory: Path | str) -> Path:
-    """Write what others need into ``directory/NAME``: the dataset, its data card if it has one, and its OpenML entry.
+    """Write what others need into ``directory/NAME``: the dataset, its OpenML entry, and its data card.
+
+    The card is left out for a name that the catalogue does not have, as it is not known then which goals were flown.
 
     Whoever serves the directory runs a mirror: ``VVC_BENCH_MIRROR`` may name it, as a folder or by its URL.
 
@@ -41,19 +40,21 @@ def publish(dataset: Dataset, directory: Path | str) -> Path:
         ValueError: for a choice of a dataset's episodes.
         CorruptDataset: if it is damaged; nothing is written then.
         FileExistsError: if another dataset of that name is there: what a name means must not change.
+        ImportError: without matplotlib, which draws the card; says what to install.
         OSError: if it cannot be written.
     """
     _require_whole(dataset)
     place = Path(directory) / dataset.name
     if (place / MANIFEST).is_file() and (place / MANIFEST).read_bytes() != (dataset.folder / MANIFEST).read_bytes():
         raise FileExistsError(f"{place} is another dataset of that name; publish this one under a new name")
-    card = [path for pattern in _CARD for path in sorted(dataset.folder.glob(pattern))]
     with replaced_folder(place, MANIFEST) as unfinished:
         for name in (MANIFEST, *dataset.manifest["files"]):
             shutil.copyfile(dataset.folder / name, unfinished / name)
         check_files(unfinished, dataset.name)
-        for path in card:
-            shutil.copyfile(path, unfinished / path.name)
+        if dataset.name in CATALOGUE:
+            from vvc_bench.datasets.card import write_dataset_card  # takes the extra plot
+
+            write_dataset_card(dataset, unfinished)
         entry = json.dumps(openml_entry(dataset), indent=2) + "\n"
         (unfinished / OPENML_ENTRY).write_text(entry, encoding="utf-8", newline="\n")
     return place
