@@ -22,6 +22,7 @@ from vvc_bench.version import __version__
 OPENML_ENTRY = "openml.json"
 """What OpenML is told of the set: the arguments of `openml.OpenMLDataset` besides the data."""
 
+
 def publish(dataset: Dataset, directory: Path | str) -> Path:
     """Write what others need into ``directory/NAME``: the dataset, its OpenML entry, and its data card.
 
