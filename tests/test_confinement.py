@@ -11,13 +11,13 @@ import pytest
 
 from vvc_bench.leaderboard import confinement
 
-ATTEMPT = """
+ATTEMPT = f"""
 import json, os, runpy, socket, subprocess, sys
 from pathlib import Path
 confined, action, argument, memory = sys.argv[1:]
 could = {{}}
 if confined == "confined":
-    known = runpy.run_path({script!r})
+    known = runpy.run_path({confinement.__file__!r})
     limits = known["Limits"](memory_bytes=int(memory), file_bytes=10_000)
     could = known["confine"](limits, known["_pythons_folders"]())
 try:
@@ -31,7 +31,7 @@ try:
 except (OSError, MemoryError) as error:
     what = type(error).__name__
 print(json.dumps([could, what]))
-""".format(script=confinement.__file__)
+"""
 
 
 def attempt(folder: Path, action: str, argument: object, *, confined: bool, memory: int = 10**9) -> object:

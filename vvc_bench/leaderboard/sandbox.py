@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from vvc_bench.evaluation import Evaluation, read_evaluation
 from vvc_bench.leaderboard import confinement
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.reflight import EVALUATION, HELD_OUT, REQUEST
-from vvc_bench.leaderboard.submission import POLICY
+from vvc_bench.leaderboard.submission import CLAIMED, POLICY
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -44,11 +44,13 @@ class Flown:
 
     Args:
         evaluation: on the protocol's own goals.
+        files: the same as written, ``summary.json`` and ``episodes.parquet``.
         held_out: on goals from an announced seed.
         confined: whether this system could take away its ``network`` and ``files``.
     """
 
     evaluation: Evaluation
+    files: Mapping[str, bytes]
     held_out: Evaluation | None
     confined: dict[str, bool]
 
@@ -91,7 +93,10 @@ def fly(
         (folder / REQUEST).write_text(json.dumps(request), encoding="utf-8")
         confined = _run(folder, limits, progress)
         return Flown(
-            read_evaluation(folder / EVALUATION), read_evaluation(folder / HELD_OUT) if announced else None, confined
+            read_evaluation(folder / EVALUATION),
+            {name: (folder / EVALUATION / name).read_bytes() for name in CLAIMED},
+            read_evaluation(folder / HELD_OUT) if announced else None,
+            confined,
         )
 
 

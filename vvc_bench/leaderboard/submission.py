@@ -1,7 +1,7 @@
 """What an entry says about itself: ``submission.json``, read strictly.
 
-An entry is a folder ``<protocol>/<entry>/`` with this document, the policy's file if it has one, and the evaluation that
-is claimed: ``summary.json`` and ``episodes.parquet``. The document holds the SHA-256 of each of them.
+An entry is a folder ``<protocol>/<entry>/`` with this document, the policy's file if it has one, and the evaluation
+that is claimed: ``summary.json`` and ``episodes.parquet``. The document holds the SHA-256 of each of them.
 """
 
 import hashlib
