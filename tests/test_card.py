@@ -18,11 +18,13 @@ if importlib.util.find_spec("matplotlib") is None:
 from PIL import Image
 
 from vvc_bench import sim
-from vvc_bench.datasets.card import CARD, Shown, card_page, write_card
+from vvc_bench.datasets.card import CARD, card_page, write_card
 from vvc_bench.datasets.catalogue import CATALOGUE
-from vvc_bench.datasets.pictures import LIGHT, PICTURES, flight_path, png, prepare
+from vvc_bench.datasets.pictures import PICTURES, flight_path, prepare
+from vvc_bench.drawing import LIGHT, png
 from vvc_bench.goals import grid
 from vvc_bench.metrics import PUBLISHED, coverage, reached_goals, summary
+from vvc_bench.page import Shown
 from vvc_bench.rollout import Episodes, fly_law
 from vvc_bench.sim.fields import GuidanceCommand, field_array
 
@@ -150,7 +152,10 @@ def test_the_same_set_gives_the_same_bytes(card: Path, episodes: Episodes, tmp_p
 
 
 def test_names_are_text_and_little_need_be_known(card: Path, episodes: Episodes) -> None:
-    drawn = [Shown(picture, *[(card.parent / f"{picture.name}.png").read_bytes()] * 2) for picture in PICTURES]
+    drawn = [
+        Shown(picture.name, picture.title, picture.caption, *[(card.parent / f"{picture.name}.png").read_bytes()] * 2)
+        for picture in PICTURES
+    ]
     hostile = "<script>alert(1)</script>&amp;"
     text = card_page(summary(episodes, GOALS), episodes.scenario, drawn, {"name": hostile})
     assert "<script" not in text
