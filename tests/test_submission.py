@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import small_models
+from vvc_bench.policies.onnx import LARGEST_FILE, check_model
 
-from vvc_bench.leaderboard.model import LARGEST_MODEL, check_model
 from vvc_bench.leaderboard.submission import (
     BuiltInPolicy,
     Erratum,
@@ -113,7 +113,7 @@ def test_a_model_of_standard_operators_is_taken() -> None:
         (b"", "no whole ONNX model"),
         (b"import os", "no whole ONNX model"),
         (small_models.linear()[:-40], "no whole ONNX model"),
-        (b"\0" * (LARGEST_MODEL + 1), "at most"),
+        (b"\0" * (LARGEST_FILE + 1), "at most"),
         (small_models.with_external_data("../../../etc/passwd"), "'../../../etc/passwd'"),
         (small_models.with_hidden_external_data("/etc/passwd"), "'/etc/passwd'"),
         (small_models.with_foreign_operator(), "com.microsoft.Gelu"),

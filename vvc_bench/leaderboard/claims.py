@@ -1,4 +1,4 @@
-"""Whether an evaluation that is claimed is the one that was flown again."""
+"""Whether an evaluation that is claimed can be, and is the one that was flown again."""
 
 import hashlib
 import math
@@ -8,18 +8,28 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from vvc_bench.evaluation import Evaluation
-from vvc_bench.goals import GOAL_COLUMNS
+from vvc_bench.evaluation import Evaluation, Protocol
+from vvc_bench.evaluation.columns import (
+    ERRORS,
+    GOAL,
+    GOAL_OF_EPISODE,
+    LENGTH,
+    RETURN,
+    SEED,
+    SUCCESS,
+    TERMINATION,
+    episode_columns,
+)
+from vvc_bench.evaluation.summary import summarise
 
 TOLERANCE = 0.005
 """Share of the flights that may end otherwise on another kind of machine; at least two flights may."""
-LENGTH_TOLERANCE = 0.01
-"""How much the mean length of flights that end alike may differ there."""
-LEAST_SUCCESSES = 10
-"""So many goals reached tell a policy: two that reach the same ones in the same steps are the same."""
+MEAN_TOLERANCE = 0.01
+"""How much a mean over the flights that end alike may differ there, relative to it or to 1."""
 
-_IDENTITY = ("seed", "goal", *GOAL_COLUMNS)
-_OUTCOME = ("success", "termination", "length_steps")
+_IDENTITY = (SEED, GOAL, *GOAL_OF_EPISODE)
+_ROUNDING = 1e-8
+"""Between summaries of the same flights, which have floats to nine digits."""
 _SHOWN = 5
 """Differences that are told one by one."""
 
@@ -32,53 +42,85 @@ def allowed_differences(flights: int) -> int:
 def outcomes_sha256(episodes: pd.DataFrame) -> str:
     """Hash of how each flight ended and after how many steps: the same on all kinds of machines, nearly always."""
     digest = hashlib.sha256()
-    for row in episodes[list(_OUTCOME)].itertuples(index=False):
-        digest.update(f"{int(row.success)} {row.termination} {int(row.length_steps)}\n".encode())
+    for success, termination, length in zip(*(episodes[name] for name in (SUCCESS, TERMINATION, LENGTH)), strict=True):
+        digest.update(f"{int(success)} {termination} {int(length)}\n".encode())
     return digest.hexdigest()
 
 
-def differences(claimed: Evaluation, flown: Evaluation, seeds: Sequence[int], *, exact: bool) -> list[str]:
-    """What is claimed and was not flown, each with both numbers; empty if nothing is.
+def unfounded(
+    claimed: Evaluation, protocol: Protocol, policy: Mapping[str, str | None], seeds: Sequence[int]
+) -> list[str]:
+    """What is wrong with an evaluation that is claimed, as far as can be told without flying.
+
+    Its flights must be those of the seeds and of the protocol's goals, in their order, and its summary must follow from
+    them.
 
     Args:
         claimed: as submitted.
-        flown: as flown again, with the same seeds.
+        protocol: that of the submission.
+        policy: what the policy says of itself.
         seeds: those that the submission names.
-        exact: on the same kind of machine, where every number must be the same. Elsewhere as many flights may end
-            otherwise as `allowed_differences` says, and then the summary may differ with them.
     """
-    disordered = _wrong_flights(claimed.episodes, flown.episodes, seeds)
+    disordered = _wrong_flights(claimed.episodes, protocol, seeds)
     if disordered:
         return [disordered]
-    if exact:
-        found = [*_differing_numbers(claimed.summary, flown.summary), *_differing_columns(claimed, flown)]
-    else:
-        found = [*_summary_of_others(claimed), *_beyond_tolerance(claimed.episodes, flown.episodes)]
-    return found[:_SHOWN] + ([f"{len(found) - _SHOWN} more numbers differ"] if len(found) > _SHOWN else [])
+    again = summarise(claimed.episodes, protocol, policy, seeds)
+    found = [
+        f"summary {place}: {mine!r} is claimed, {theirs!r} follows from the claimed episodes"
+        for place, mine, theirs in _differing_leaves(claimed.summary, again)
+    ]
+    return _shortened(found)
 
 
-def _wrong_flights(claimed: pd.DataFrame, flown: pd.DataFrame, seeds: Sequence[int]) -> str:
+def differences(claimed: Evaluation, flown: Evaluation, *, exact: bool) -> list[str]:
+    """What is claimed and was not flown, each with both numbers; empty if nothing is.
+
+    Args:
+        claimed: as submitted, and not `unfounded`.
+        flown: as flown again, with the same seeds.
+        exact: on the same kind of machine, where every number must be the same. Elsewhere as many flights may end
+            otherwise as `allowed_differences` says.
+    """
+    if not exact:
+        return list(_beyond_tolerance(claimed.episodes, flown.episodes))
+    numbers = [
+        f"summary {place}: claimed {mine!r}, flown {theirs!r}"
+        for place, mine, theirs in _differing_leaves(claimed.summary, flown.summary)
+    ]
+    return _shortened([*numbers, *_differing_columns(claimed.episodes, flown.episodes)])
+
+
+def _shortened(found: list[str]) -> list[str]:
+    """The success rate first, and not all of the rest."""
+    found.sort(key=lambda each: not each.startswith("summary success."))
+    return found[:_SHOWN] + ([f"and {len(found) - _SHOWN} more"] if len(found) > _SHOWN else [])
+
+
+def _wrong_flights(claimed: pd.DataFrame, protocol: Protocol, seeds: Sequence[int]) -> str:
     """Where the flights are not those of the seeds and goals in their order; empty if they are."""
-    missing = [name for name in (*_IDENTITY, *_OUTCOME) if name not in claimed]
-    if missing:
-        return f"the claimed episodes have no column {missing[0]}"
-    unknown = [name for name in claimed if name not in flown]
-    if unknown:
-        return f"the claimed episodes have a column {unknown[0]!r} that an evaluation does not have"
-    present = list(dict.fromkeys(claimed["seed"].tolist()))
+    known = episode_columns(protocol.scenario.settings)
+    odd = sorted(set(claimed) ^ set(known))
+    if odd:
+        return f"the claimed episodes {'lack' if odd[0] in known else 'have a foreign'} column {odd[0]}"
+    wrong = [name for name, column in known.items() if claimed[name].dtype != pd.Series(dtype=column.dtype).dtype]
+    if wrong:
+        return f"column {wrong[0]} of the claimed episodes holds {claimed[wrong[0]].dtype}, not {known[wrong[0]].dtype}"
+    present = claimed[SEED].unique().tolist()
     if present != list(seeds):
         return f"the submission names seeds {list(seeds)}; its episodes are of seeds {present}"
-    if len(claimed) != len(flown):
-        return f"{len(claimed):,} flights are claimed; the protocol has {len(flown):,} with these seeds"
-    mine, theirs = (frame[list(_IDENTITY)].to_numpy(dtype=np.float64) for frame in (claimed, flown))
+    goals = np.arange(len(protocol))
+    theirs = np.concatenate([np.column_stack([np.full(len(goals), seed), goals, protocol.goals]) for seed in seeds])
+    if len(claimed) != len(theirs):
+        return f"{len(claimed):,} flights are claimed; the protocol has {len(theirs):,} with these seeds"
+    mine = claimed[list(_IDENTITY)].to_numpy(dtype=np.float64)
     rows = np.flatnonzero((mine != theirs).any(axis=1))
-    if rows.size:
-        first = int(rows[0])
-        return (
-            f"{len(rows):,} of {len(flown):,} flights are not where the protocol's order has them; the first is flight "
-            f"{first}: claimed {_identity(mine[first])}, flown {_identity(theirs[first])}"
-        )
-    return ""
+    if not rows.size:
+        return ""
+    first = int(rows[0])
+    return (
+        f"{len(rows):,} of {len(theirs):,} flights are not where the protocol's order has them; the first is flight "
+        f"{first}: claimed {_identity(mine[first])}, in its order {_identity(theirs[first])}"
+    )
 
 
 def _identity(row: Any) -> str:
@@ -86,16 +128,19 @@ def _identity(row: Any) -> str:
     return f"seed {seed:g}, goal {goal:g} ({', '.join(f'{value:g}' for value in values)})"
 
 
-def _differing_numbers(claimed: Mapping[str, Any], flown: Mapping[str, Any]) -> Iterator[str]:
-    """Of two summaries; the one flown may say more."""
-    mine, theirs = (dict(_leaves(document)) for document in (claimed, flown))
+def _differing_leaves(claimed: Mapping[str, Any], known: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
+    """Where a claimed summary differs, and both values; the other one may say more, and versions do not count."""
+    mine, theirs = (dict(_leaves(document)) for document in (claimed, known))
     for place, value in mine.items():
-        if place.startswith("versions."):
-            continue
-        if place not in theirs:
-            yield f"summary {place}: claimed {value!r}, which an evaluation does not say"
-        elif value != theirs[place] or type(value) is not type(theirs[place]):
-            yield f"summary {place}: claimed {value!r}, flown {theirs[place]!r}"
+        other = theirs.get(place, "nothing")
+        if not place.startswith("versions.") and not _same(value, other):
+            yield place, value, other
+
+
+def _same(first: object, second: object) -> bool:
+    if type(first) is float and type(second) is float:
+        return math.isclose(first, second, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+    return type(first) is type(second) and first == second
 
 
 def _leaves(document: object, place: str = "") -> Iterator[tuple[str, object]]:
@@ -110,9 +155,9 @@ def _leaves(document: object, place: str = "") -> Iterator[tuple[str, object]]:
         yield place, document
 
 
-def _differing_columns(claimed: Evaluation, flown: Evaluation) -> Iterator[str]:
-    for name in claimed.episodes:
-        mine, theirs = claimed.episodes[name], flown.episodes[name]
+def _differing_columns(claimed: pd.DataFrame, flown: pd.DataFrame) -> Iterator[str]:
+    for name in flown:
+        mine, theirs = claimed[name], flown[name]
         differ = np.flatnonzero(~((mine == theirs) | (mine.isna() & theirs.isna())).to_numpy(dtype=bool))
         if differ.size:
             first = int(differ[0])
@@ -124,17 +169,15 @@ def _differing_columns(claimed: Evaluation, flown: Evaluation) -> Iterator[str]:
 
 def _beyond_tolerance(claimed: pd.DataFrame, flown: pd.DataFrame) -> Iterator[str]:
     """Where flights on another kind of machine differ more than those of an honest entry do."""
+    other = (claimed[[SUCCESS, TERMINATION]] != flown[[SUCCESS, TERMINATION]]).any(axis=1)
     allowed = allowed_differences(len(flown))
-    reached = (
-        f"success: claimed {int(claimed['success'].sum()):,}, flown {int(flown['success'].sum()):,} of {len(flown):,}"
-    )
-    other = (claimed["success"] != flown["success"]) | (claimed["termination"] != flown["termination"])
     if other.sum() > allowed:
-        yield f"{reached}; {int(other.sum()):,} flights end otherwise, and at most {allowed:,} may"
-    mine, theirs = (frame["length_steps"][~other].mean() for frame in (claimed, flown))
-    if abs(mine - theirs) > LENGTH_TOLERANCE * theirs:
-        yield f"mean length of the flights that end alike: claimed {mine:.2f}, flown {theirs:.2f} steps"
-
-
-def _summary_of_others(_claimed: Evaluation) -> Iterator[str]:
-    yield from ()
+        reached = [int(frame[SUCCESS].sum()) for frame in (claimed, flown)]
+        yield (
+            f"success.count: claimed {reached[0]:,}, flown {reached[1]:,} of {len(flown):,}; {int(other.sum()):,} "
+            f"flights end otherwise, and at most {allowed:,} may"
+        )
+    for name in (LENGTH, RETURN, *ERRORS):
+        mine, theirs = (frame[name][~other].mean() for frame in (claimed, flown))
+        if abs(mine - theirs) > MEAN_TOLERANCE * max(abs(theirs), 1.0):
+            yield f"mean {name} of the flights that end alike: claimed {mine:.6g}, flown {theirs:.6g}"

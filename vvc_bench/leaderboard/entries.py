@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vvc_bench.leaderboard.model import LARGEST_MODEL
 from vvc_bench.leaderboard.submission import (
     CLAIMED,
     EPISODES,
@@ -22,6 +21,7 @@ from vvc_bench.leaderboard.submission import (
     parse_submission,
     sha256,
 )
+from vvc_bench.policies.onnx import LARGEST_FILE
 
 SITE = "site"
 """Folder beside those of the protocols: the pages."""
@@ -31,7 +31,7 @@ _LARGEST = {
     SUBMISSION: LARGEST_DOCUMENT,
     SUMMARY: LARGEST_DOCUMENT,
     EPISODES: LARGEST_EPISODES,
-    POLICY: LARGEST_MODEL,
+    POLICY: LARGEST_FILE,
 }
 
 

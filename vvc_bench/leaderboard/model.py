@@ -6,8 +6,8 @@ The model is parsed and walked; it is not loaded, and no file that it names is o
 from collections.abc import Iterator
 from typing import Any
 
-LARGEST_MODEL = 32 * 10**6
-"""Bytes; a network of 8 million weights."""
+from vvc_bench.policies.onnx import LARGEST_FILE
+
 MOST_NODES = 10_000
 
 _STANDARD = {"", "ai.onnx"}
@@ -23,8 +23,8 @@ def check_model(content: bytes) -> None:
         ValueError: for anything else; says what was found.
         ImportError: without onnx; says what to install.
     """
-    if len(content) > LARGEST_MODEL:
-        raise ValueError(f"the model has {len(content)} bytes; at most {LARGEST_MODEL} are taken")
+    if len(content) > LARGEST_FILE:
+        raise ValueError(f"the model has {len(content)} bytes; at most {LARGEST_FILE} are taken")
     model = _parse(content)
     if model.functions or model.training_info:
         raise ValueError("the model brings functions or training information of its own; only a graph is taken")

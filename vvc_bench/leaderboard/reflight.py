@@ -42,8 +42,8 @@ def _evaluate(request: dict[str, Any]) -> None:
 
     if request["policy"] == POLICY:
         check_model(Path(POLICY).read_bytes())
-    agent = open_agent(request["policy"])
     protocol = named_protocol(request["protocol"])
+    agent = open_agent(request["policy"], settings=protocol.scenario.settings)
     protocols = {EVALUATION: protocol}
     if request["held_out"] is not None:
         protocols[HELD_OUT] = held_out(protocol, *request["held_out"])

@@ -13,12 +13,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from vvc_bench.policies.built_in import LAWS, RANDOM
+
 FORMAT, FORMAT_VERSION = "vvc-bench-submission", 1
 SUBMISSION, POLICY, SUMMARY, EPISODES = "submission.json", "policy.onnx", "summary.json", "episodes.parquet"
 CLAIMED = (SUMMARY, EPISODES)
 """The files of the evaluation that is claimed."""
 
-BUILT_IN = ("random", "pid", "pid-compensated")
+BUILT_IN = (*LAWS, RANDOM)
 """Policies that may be entered by name: they come with the package."""
 
 LARGEST_DOCUMENT = 10**6  # bytes of submission.json or summary.json
@@ -41,6 +43,10 @@ class OnnxPolicy:
     bytes: int
     kind: str = "onnx"
 
+    def describe(self) -> dict[str, str | None]:
+        """As its agent does."""
+        return {"kind": self.kind, "name": Path(POLICY).stem, "sha256": self.sha256}
+
 
 @dataclass(frozen=True)
 class BuiltInPolicy:
@@ -48,6 +54,10 @@ class BuiltInPolicy:
 
     name: str
     kind: str = "built-in"
+
+    def describe(self) -> dict[str, str | None]:
+        """As its agent does."""
+        return {"kind": self.kind, "name": self.name, "sha256": None}
 
 
 @dataclass(frozen=True)

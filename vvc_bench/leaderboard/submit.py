@@ -12,7 +12,6 @@ from vvc_bench.leaderboard import sandbox
 from vvc_bench.leaderboard.claims import outcomes_sha256
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, add_entry, require_free
-from vvc_bench.leaderboard.model import LARGEST_MODEL
 from vvc_bench.leaderboard.submission import (
     BUILT_IN,
     CLAIMED,
@@ -33,6 +32,7 @@ from vvc_bench.leaderboard.verify import (
     require_packages,
     this_platform,
 )
+from vvc_bench.policies.onnx import LARGEST_FILE
 
 _UNKNOWN = sha256(b"")
 
@@ -124,8 +124,8 @@ def _read_model(path: Path) -> bytes:
         )
     if not path.is_file():
         raise ValueError(f"there is no file {path}")
-    if path.stat().st_size > LARGEST_MODEL:
-        raise ValueError(f"{path} has {path.stat().st_size} bytes; at most {LARGEST_MODEL} are taken")
+    if path.stat().st_size > LARGEST_FILE:
+        raise ValueError(f"{path} has {path.stat().st_size} bytes; at most {LARGEST_FILE} are taken")
     return path.read_bytes()
 
 

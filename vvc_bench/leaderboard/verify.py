@@ -10,9 +10,9 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from vvc_bench.evaluation import named_protocol, read_evaluation
+from vvc_bench.evaluation import Evaluation, Protocol, named_protocol, read_evaluation
 from vvc_bench.leaderboard import sandbox
-from vvc_bench.leaderboard.claims import differences, outcomes_sha256
+from vvc_bench.leaderboard.claims import differences, outcomes_sha256, unfounded
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, list_entries, read_entry
 from vvc_bench.leaderboard.submission import BuiltInPolicy, Submission
@@ -103,10 +103,16 @@ def verify_entry(
     name = "/".join(folder.resolve().parts[-2:])
     try:
         entry = read_entry(folder)
+        protocol = _protocol(entry)
+        claimed = read_evaluation(folder)
+        problems = _without_flying(entry, protocol, claimed)
+        if problems:
+            return Verdict(name, tuple(problems), seconds=time.monotonic() - begun)
         flown = _fly(entry, announced_seed, threads, limits, progress)
-        problems, exact = _compare(entry, flown)
     except ValueError as error:
         return Verdict(name, (str(error),), seconds=time.monotonic() - begun)
+    exact = dict(entry.submission.platform) == this_platform()
+    problems = differences(claimed, flown.evaluation, exact=exact)
     figures = {"claimed": entry.summary["success"], "flown": flown.evaluation.summary["success"]}
     if flown.held_out is not None:
         figures["held_out"] = flown.held_out.summary["success"]
@@ -125,6 +131,31 @@ def require_packages() -> None:
         raise ImportError(f"the leaderboard takes {missing[0]}, which is missing: pip install vvc-bench[leaderboard]")
 
 
+def _protocol(entry: Entry) -> Protocol:
+    """The protocol that an entry names, if it is still what it was."""
+    protocol = named_protocol(entry.submission.protocol)
+    if entry.submission.protocol_sha256 != protocol.hash:
+        raise ValueError(
+            f"the entry was made for {protocol.name} with hash {entry.submission.protocol_sha256}; here it has "
+            f"{protocol.hash}"
+        )
+    return protocol
+
+
+def _without_flying(entry: Entry, protocol: Protocol, claimed: Evaluation) -> list[str]:
+    """What is wrong with an entry, as far as can be told at once."""
+    submission = entry.submission
+    others = [other for other in readable_entries(entry.folder.resolve().parents[1]) if other.name != entry.name]
+    check_erratum(submission, others)
+    copied = duplicate(submission, _earlier(submission, others))
+    if copied:
+        return [copied]
+    problems = unfounded(claimed, protocol, submission.policy.describe(), submission.seeds)
+    if not problems and outcomes_sha256(claimed.episodes) != submission.outcomes_sha256:
+        problems = ["outcomes_sha256 is not that of the claimed episodes"]
+    return problems
+
+
 def _fly(
     entry: Entry,
     announced_seed: int | None,
@@ -132,38 +163,16 @@ def _fly(
     limits: Limits,
     progress: Callable[[int, int], object],
 ) -> sandbox.Flown:
-    """The entry's policy flown again, once nothing else is wrong with it."""
-    submission = entry.submission
-    protocol = named_protocol(submission.protocol)
-    if submission.protocol_sha256 != protocol.hash:
-        raise ValueError(
-            f"the entry was made for {protocol.name} with hash {submission.protocol_sha256}; it is {protocol.hash}"
-        )
-    root = entry.folder.resolve().parents[1]
-    others = [other for other in readable_entries(root) if other.name != entry.name]
-    check_erratum(submission, others)
-    copied = duplicate(submission, _earlier(submission, others))
-    if copied:
-        raise ValueError(copied)
+    policy = entry.submission.policy
     return sandbox.fly(
-        protocol.name,
-        submission.policy.name if isinstance(submission.policy, BuiltInPolicy) else entry.model or b"",
-        submission.seeds,
+        entry.submission.protocol,
+        policy.name if isinstance(policy, BuiltInPolicy) else entry.model or b"",
+        entry.submission.seeds,
         announced=None if announced_seed is None else sandbox.Announced(entry.sha256, announced_seed),
         threads=threads,
         limits=limits,
         progress=progress,
     )
-
-
-def _compare(entry: Entry, flown: sandbox.Flown) -> tuple[list[str], bool]:
-    """What is claimed and was not flown, and whether every number had to be the same."""
-    exact = dict(entry.submission.platform) == this_platform()
-    claimed = read_evaluation(entry.folder)
-    found = differences(claimed, flown.evaluation, entry.submission.seeds, exact=exact)
-    if not found and outcomes_sha256(claimed.episodes) != entry.submission.outcomes_sha256:
-        found = [f"outcomes_sha256 is {entry.submission.outcomes_sha256}, that of its episodes is another"]
-    return found, exact
 
 
 def readable_entries(root: Path) -> list[Entry]:
