@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import small_models
-from vvc_bench.policies.onnx import LARGEST_FILE, check_model
 
+from vvc_bench.leaderboard.model import check_model
 from vvc_bench.leaderboard.submission import (
     BuiltInPolicy,
     Erratum,
@@ -16,6 +16,7 @@ from vvc_bench.leaderboard.submission import (
     TrainingData,
     parse_submission,
 )
+from vvc_bench.policies.onnx import LARGEST_FILE
 
 HONEST = Submission(
     entry="linear-v2",

@@ -56,7 +56,9 @@ class Evaluation:
         place = Path(folder)
         others = sorted(path.name for path in place.iterdir() if path.name not in _FILES) if place.is_dir() else []
         if others:
-            raise FileExistsError(f"{place} holds other things ({others[0]}); it is left as it is: choose another place")
+            raise FileExistsError(
+                f"{place} holds other things ({others[0]}); it is left as it is: choose another place"
+            )
         with replaced_folder(place, SUMMARY) as unfinished:
             _write_episodes(self.episodes, unfinished / EPISODES)
             (unfinished / SUMMARY).write_text(_text(self.summary), encoding="utf-8")

@@ -208,7 +208,9 @@ def _held_for(steps: int) -> Protocol:
     """The paper's non-Markovian variants: inside the bands for so many steps."""
     scenario = dataclasses.replace(_HARD, task=make_task(_HARD.task, reach_steps=steps))
     plural = "steps in a row" if steps > 1 else "step"
-    return Protocol(f"hard-nmr{steps}-1k-v0", f"reached after {steps} {plural} in the bands", scenario, _box("hard", _TEST))
+    return Protocol(
+        f"hard-nmr{steps}-1k-v0", f"reached after {steps} {plural} in the bands", scenario, _box("hard", _TEST)
+    )
 
 
 def _conditions(**values: float) -> Conditions:
@@ -226,11 +228,20 @@ _WINDS = tuple({"wind_north_mps": _WIND_MPS * north, "wind_east_mps": _WIND_MPS 
 _EVERYTHING = {"gust_intensity_mps": _GUST_MPS, "delay_steps": 1.0, "sensor_noise": 1.0} | _ACTUATOR
 
 _DISTURBED: dict[str, tuple[str, tuple[Conditions, ...]]] = {
-    "wind": ("steady wind of 10 m/s, in turn to the north, east, south and west", tuple(_conditions(**w) for w in _WINDS)),
+    "wind": (
+        "steady wind of 10 m/s, in turn to the north, east, south and west",
+        tuple(_conditions(**w) for w in _WINDS),
+    ),
     "gusts": ("Dryden gusts of 3 m/s (rms)", (_conditions(gust_intensity_mps=_GUST_MPS),)),
-    "density": ("air 15 % denser and thinner in turn", tuple(_conditions(density_offset=x) for x in (_OFFSET, -_OFFSET))),
+    "density": (
+        "air 15 % denser and thinner in turn",
+        tuple(_conditions(density_offset=x) for x in (_OFFSET, -_OFFSET)),
+    ),
     "mass": ("mass 15 % larger and smaller in turn", tuple(_conditions(mass_offset=x) for x in (_OFFSET, -_OFFSET))),
-    "actuator": ("surfaces lag by 0.05 s and move by 60 deg/s at most, the engine lags by 1 s", (_conditions(**_ACTUATOR),)),
+    "actuator": (
+        "surfaces lag by 0.05 s and move by 60 deg/s at most, the engine lags by 1 s",
+        (_conditions(**_ACTUATOR),),
+    ),
     "delay": ("commands take effect 1 and 2 steps late in turn", tuple(_conditions(delay_steps=x) for x in (1.0, 2.0))),
     "noise": ("sensor noise", (_conditions(sensor_noise=1.0),)),
     "all": (

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_string_dtype
 
 from vvc_bench.evaluation import Evaluation, Protocol
 from vvc_bench.evaluation.columns import (
@@ -99,10 +100,10 @@ def _shortened(found: list[str]) -> list[str]:
 def _wrong_flights(claimed: pd.DataFrame, protocol: Protocol, seeds: Sequence[int]) -> str:
     """Where the flights are not those of the seeds and goals in their order; empty if they are."""
     known = episode_columns(protocol.scenario.settings)
-    odd = sorted(set(claimed) ^ set(known))
+    odd = sorted(set(map(str, claimed)) ^ set(known))
     if odd:
         return f"the claimed episodes {'lack' if odd[0] in known else 'have a foreign'} column {odd[0]}"
-    wrong = [name for name, column in known.items() if claimed[name].dtype != pd.Series(dtype=column.dtype).dtype]
+    wrong = [name for name, column in known.items() if not _holds(claimed[name], column.dtype)]
     if wrong:
         return f"column {wrong[0]} of the claimed episodes holds {claimed[wrong[0]].dtype}, not {known[wrong[0]].dtype}"
     present = claimed[SEED].unique().tolist()
@@ -121,6 +122,11 @@ def _wrong_flights(claimed: pd.DataFrame, protocol: Protocol, seeds: Sequence[in
         f"{len(rows):,} of {len(theirs):,} flights are not where the protocol's order has them; the first is flight "
         f"{first}: claimed {_identity(mine[first])}, in its order {_identity(theirs[first])}"
     )
+
+
+def _holds(column: "pd.Series[Any]", kind: str) -> bool:
+    """Whether a column is of a type; pandas has several for strings."""
+    return bool(is_string_dtype(column) if kind == "string" else column.dtype == np.dtype(kind))
 
 
 def _identity(row: Any) -> str:

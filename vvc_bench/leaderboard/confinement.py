@@ -105,7 +105,7 @@ def _restrict_files(libc: ctypes.CDLL, readable: Iterable[Path]) -> bool:
         _allow(libc, rules, Path("/dev/null"), handled & (_READ_FILE | _WRITE_FILE))
         _allow(libc, rules, Path.cwd(), handled & (_READ_FILE | _LIST | _CHANGE | _TRUNCATE))
         alone = libc.prctl(_NO_NEW_PRIVILEGES, *map(ctypes.c_ulong, (1, 0, 0, 0))) == 0
-        return alone and libc.syscall(_RESTRICT_SELF, rules, 0) == 0
+        return alone and bool(libc.syscall(_RESTRICT_SELF, rules, 0) == 0)
     finally:
         os.close(rules)
 

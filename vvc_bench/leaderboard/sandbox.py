@@ -12,15 +12,19 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from vvc_bench import jit
-from vvc_bench.evaluation import Evaluation, read_evaluation
+from vvc_bench.evaluation import Evaluation, evaluate, named_protocol, read_evaluation
+from vvc_bench.evaluation.protocols import Drawn
 from vvc_bench.leaderboard import confinement
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.reflight import EVALUATION, HELD_OUT, REQUEST
 from vvc_bench.leaderboard.submission import CLAIMED, POLICY
+from vvc_bench.policies import open_agent
+from vvc_bench.policies.built_in import RANDOM
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -80,6 +84,7 @@ def fly(
         ValueError: if the policy was refused or broke a limit; says why.
         OSError: if no process can be started.
     """
+    _compile(protocol)
     with _working_folder() as folder:
         if isinstance(policy, bytes):
             (folder / POLICY).write_bytes(policy)
@@ -98,6 +103,15 @@ def fly(
             read_evaluation(folder / HELD_OUT) if announced else None,
             confined,
         )
+
+
+@cache
+def _compile(protocol: str) -> None:
+    """Fly a goal here first, so that what gets compiled is kept: the confined process cannot keep anything."""
+    known = named_protocol(protocol)
+    if isinstance(known.drawn, Drawn):
+        known = dataclasses.replace(known, drawn=known.drawn._replace(count=1))
+        evaluate(open_agent(RANDOM, settings=known.scenario.settings), known, threads=1)
 
 
 @contextmanager

@@ -97,7 +97,9 @@ def open_onnx(path: Path) -> OnnxAgent:
     if STATE in inputs:
         state_width = inputs[STATE].shape[-1] if inputs[STATE].shape else None
         if not isinstance(state_width, int) or state_width < 1:
-            raise ValueError(f"{path}: input 'state' must have shape (B, S) with a fixed S; it has {_shape(inputs[STATE])}")
+            raise ValueError(
+                f"{path}: input 'state' must have shape (B, S) with a fixed S; it has {_shape(inputs[STATE])}"
+            )
         _check_tensor(path, inputs[STATE], (state_width,))
         _check_tensor(path, outputs[NEXT_STATE], (state_width,))
     agent = OnnxAgent(path.stem, sha256, session, tuple(name for name in WIDTHS if name in inputs), state_width)
