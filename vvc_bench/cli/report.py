@@ -52,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 def write_page(path: Path, methods: Sequence[Method], policies: Sequence[Path]) -> None:
     """Write the report of some methods, with sample flights of the policies that are at hand."""
     from vvc_bench.evaluation.report import write_report
-    from vvc_bench.evaluation.samples import flown_scenarios, sample_flights
+    from vvc_bench.evaluation.samples import flown_protocols, sample_flights
 
-    scenarios = flown_scenarios(methods)
-    write_report(path, methods, scenarios, sample_flights(methods, policies))
+    protocols = flown_protocols(methods)
+    write_report(path, methods, protocols, sample_flights(methods, protocols, policies))

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vvc_bench.evaluation import columns as names
 from vvc_bench.evaluation.evaluate import Evaluation
 from vvc_bench.evaluation.methods import protocol_name
 from vvc_bench.metrics import Estimate, Spread, bootstrap_interquartile_mean, spread
@@ -27,8 +28,8 @@ class Aggregate(NamedTuple):
         return document
 
 
-SCORES = {"success_percent": "success", "return": "return"}
-"""What is aggregated, and the column of `vvc_bench.evaluation` that it is the mean of."""
+SCORES = {"success_percent": names.SUCCESS, "return": names.RETURN}
+"""What is aggregated, and the column that it is the mean of."""
 
 
 def aggregate(evaluations: Sequence[Evaluation], score: str, generator: np.random.Generator) -> Aggregate:
@@ -66,4 +67,4 @@ def aggregate(evaluations: Sequence[Evaluation], score: str, generator: np.rando
 def _seed_scores(evaluation: Evaluation, score: str) -> list[float]:
     """The score of each seed."""
     scale = 100.0 if score.endswith("_percent") else 1.0
-    return [scale * float(value) for value in evaluation.episodes.groupby("seed")[SCORES[score]].mean()]
+    return [scale * float(value) for value in evaluation.episodes.groupby(names.SEED)[SCORES[score]].mean()]

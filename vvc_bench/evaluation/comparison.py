@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vvc_bench.evaluation import columns as names
 from vvc_bench.evaluation.aggregate import SCORES, Aggregate, aggregate
 from vvc_bench.evaluation.evaluate import Evaluation
 from vvc_bench.evaluation.methods import Method, protocol_hash, protocol_name
@@ -173,7 +174,7 @@ def _contender(method: Method, goals: int, generator: np.random.Generator) -> Co
     flights = 0
     for evaluation in method.evaluations:
         rows = evaluation.episodes
-        reached += np.bincount(rows["goal"], weights=rows["success"], minlength=goals).astype(np.int64)
+        reached += np.bincount(rows[names.GOAL], weights=rows[names.SUCCESS], minlength=goals).astype(np.int64)
         flights += len(rows) // goals
     return Contender(
         method.label,
@@ -230,5 +231,5 @@ def _common_protocol(methods: Sequence[Method]) -> tuple[dict[str, str], NDArray
 def protocol_goals(evaluation: Evaluation) -> NDArray[np.float64]:
     """The goals that were flown, in the protocol's order, shape (N, 3)."""
     rows = evaluation.episodes
-    first = rows[rows["seed"] == rows["seed"].iloc[0]]
-    return np.asarray(first[[f"goal_{name}" for name in GOAL_COLUMNS]], dtype=np.float64)
+    first = rows[rows[names.SEED] == rows[names.SEED].iloc[0]]
+    return np.asarray(first[list(names.GOAL_OF_EPISODE)], dtype=np.float64)

@@ -25,6 +25,7 @@ from vvc_bench.drawing import (
     set_angle_ticks,
     unit_text,
 )
+from vvc_bench.evaluation import columns as names
 from vvc_bench.evaluation.comparison import Comparison, Pair, goal_box
 from vvc_bench.goals import GOAL_COLUMNS
 from vvc_bench.metrics import wilson_interval
@@ -43,7 +44,6 @@ _SLABS = 8
 _FEW_VALUES = 100  # an axis with no more distinct values has a cell for each
 _PROJECTIONS = ((2, 1), (2, 0), (1, 0))  # axes of the goal, across and up
 _DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.6)), (0, (1.4, 1.4)))
-_ERRORS = ("speed_error_mps", "direction_error_deg", "path_angle_error_deg", "azimuth_error_deg")
 _PROFILE_POINTS = 400
 
 
@@ -59,11 +59,16 @@ class Material(NamedTuple):
     comparison: Comparison | None
     """Where there are two methods or more."""
 
+    @property
+    def has_spread(self) -> bool:
+        """Whether there are goals in different places."""
+        return bool((self.goals != self.goals[0]).any())
+
     def shares(self, name: str) -> Array:
         """Share of a method's flights to each goal that reached it, shape (N,)."""
         rows = self.flights[name]
         count = len(self.goals)
-        reached = np.bincount(rows["goal"], weights=rows["success"], minlength=count)
+        reached = np.bincount(rows[names.GOAL], weights=rows[names.SUCCESS], minlength=count)
         return np.asarray(reached * (count / len(rows)), dtype=np.float64)
 
 
@@ -114,7 +119,7 @@ def _draw_profile(material: Material, theme: Theme) -> Figure:
     axes = figure.subplots()
     for name, style in _styles(material, theme).items():
         rows = material.flights[name]
-        needed = np.sort(rows.loc[rows["success"], "length_steps"].to_numpy() * material.time_step_s)
+        needed = np.sort(rows.loc[rows[names.SUCCESS], names.LENGTH].to_numpy() * material.time_step_s)
         share = np.searchsorted(needed, times + 1e-9, side="right") / len(rows)
         interval = wilson_interval(share * len(material.goals), np.full(len(share), len(material.goals)))
         axes.fill_between(times, 100 * interval.low, 100 * interval.high, color=style["color"], alpha=0.2, linewidth=0)
@@ -129,7 +134,9 @@ def _draw_profile(material: Material, theme: Theme) -> Figure:
 
 def _draw_endings(material: Material, theme: Theme) -> Figure:
     """Stacked shares of the events that flights end with."""
-    shares = {name: 100.0 * rows["termination"].value_counts(normalize=True) for name, rows in material.flights.items()}
+    shares = {
+        name: 100.0 * rows[names.TERMINATION].value_counts(normalize=True) for name, rows in material.flights.items()
+    }
     order = [str(event.name).lower() for event in Event]
     found = set().union(*(part.index for part in shares.values()))
     events = sorted(found, key=lambda name: order.index(name) if name in order else len(order))
@@ -158,23 +165,23 @@ def _failure_colours(theme: Theme) -> tuple[str, ...]:
 
 def _bound(task: Task, column: str) -> float | None:
     """What an error must stay below, for those that count under the task's rules."""
-    if column == "speed_error_mps":
+    speed, *angles, direction = names.ERRORS
+    if column == speed:
         return task.speed_band
-    means = Rules(int(task.rules)) == Rules.DEMONSTRATION
-    counts = column != "direction_error_deg" if means else column == "direction_error_deg"
-    return task.direction_band * DEGREES_PER_RADIAN if counts else None
+    counts = angles if Rules(int(task.rules)) == Rules.DEMONSTRATION else [direction]
+    return task.direction_band * DEGREES_PER_RADIAN if column in counts else None
 
 
 def _draw_errors(material: Material, theme: Theme) -> Figure:
     """Distributions of the errors of flights that reached."""
     figure = new_figure(theme, 4.3)
     panels: Any = figure.subplots(2, 2, sharey=True)
-    for axes, column in zip(panels.flat, _ERRORS, strict=True):
+    for axes, column in zip(panels.flat, names.ERRORS, strict=True):
         bound = _bound(material.task, column)
         reach = [bound or 0.0]
         for name, style in _styles(material, theme).items():
             rows = material.flights[name]
-            errors = np.sort(rows.loc[rows["success"], column].to_numpy())
+            errors = np.sort(rows.loc[rows[names.SUCCESS], column].to_numpy())
             if len(errors):
                 reach.append(float(np.quantile(errors, 0.99)))
                 axes.step(np.append(0.0, errors), np.linspace(0.0, 100.0, len(errors) + 1), where="post", linewidth=1.5,
@@ -322,8 +329,8 @@ FLIGHTS: tuple[Picture[Material], ...] = (
     Picture(
         "errors",
         "How near they end",
-        "Share of the flights that reached with a smaller error. Direction: at the end; the others: means over the last "
-        "second. Dashed: the bound of what counts as reached.",
+        "Share of the flights that reached with a smaller error. Direction: at the end; the others: means over the "
+        "last second. Dashed: the bound of what counts as reached.",
         _draw_errors,
     ),
 )

@@ -13,7 +13,8 @@ import numpy as np
 import pandas as pd
 
 from vvc_bench.datasets.pictures import draw_approaches, draw_paths
-from vvc_bench.drawing import Picture, draw
+from vvc_bench.drawing import Picture, column_text, draw
+from vvc_bench.evaluation import columns as names
 from vvc_bench.evaluation.aggregate import SCORES, Aggregate, aggregate
 from vvc_bench.evaluation.comparison import (
     SIGNIFICANT,
@@ -26,6 +27,7 @@ from vvc_bench.evaluation.comparison import (
 from vvc_bench.evaluation.evaluate import Evaluation
 from vvc_bench.evaluation.methods import Method, protocol_hash, protocol_name
 from vvc_bench.evaluation.pictures import ALONG, FLIGHTS, RANKS, Material, rank_text, success_map, win_map
+from vvc_bench.evaluation.protocols import Protocol
 from vvc_bench.metrics import Estimate, spread
 from vvc_bench.page import (
     UNKNOWN,
@@ -46,19 +48,13 @@ from vvc_bench.rollout import Episodes, Scenario
 _SEED = 0
 """Of the bootstrap's resamples, so that the same evaluations give the same page."""
 
-_COLUMNS: Mapping[str, tuple[str, int]] = {
-    "speed_error_mps": ("speed error, m/s", 2),
-    "path_angle_error_deg": ("path angle error, °", 2),
-    "azimuth_error_deg": ("azimuth error, °", 2),
-    "direction_error_deg": ("direction error, °", 2),
-}
 _SCORE_TEXT = {"success_percent": ("success, %", 2), "return": ("return", 1)}
 
 
 def write_report(
     path: Path | str,
     methods: Sequence[Method],
-    scenarios: Mapping[str, Scenario],
+    protocols: Mapping[str, Protocol],
     flights: Mapping[tuple[str, str], Episodes] | None = None,
 ) -> Path:
     """Write the report of evaluations.
@@ -68,8 +64,8 @@ def write_report(
     Args:
         path: the page to write; the folder is made if need be.
         methods: what was evaluated, on one or more protocols.
-        scenarios: name of each protocol → how it is flown.
-        flights: name of the protocol and label of the method → sample flights; where they are left out the page says so.
+        protocols: by name.
+        flights: name of the protocol and label of the method → sample flights; the page says where there are none.
 
     Returns:
         The page.
@@ -82,12 +78,12 @@ def write_report(
     if not methods:
         raise ValueError("a report takes at least one evaluation")
     path = Path(path)
-    write_bytes(path, report_page(methods, scenarios, flights or {}).encode())
+    write_bytes(path, report_page(methods, protocols, flights or {}).encode())
     return path
 
 
 def report_page(
-    methods: Sequence[Method], scenarios: Mapping[str, Scenario], flights: Mapping[tuple[str, str], Episodes]
+    methods: Sequence[Method], protocols: Mapping[str, Protocol], flights: Mapping[tuple[str, str], Episodes]
 ) -> str:
     """The page as text; see `write_report`."""
     by_protocol = _by_protocol(methods)
@@ -97,7 +93,7 @@ def report_page(
         heading = f"{name}: " if len(by_protocol) > 1 else ""
         found = compare(those, np.random.default_rng(_SEED)) if len(those) > 1 else None
         shown = {method.label: flights.get((name, method.label)) for method in those}
-        parts += _protocol_sections(heading, those, scenarios[name], found, shown)
+        parts += _protocol_sections(heading, those, protocols[name].scenario, found, shown)
     parts += [section("Over runs", _runs(methods)), section("Where it is from", _provenance(methods))]
     return page(f"{title} – report", parts)
 
@@ -127,7 +123,7 @@ def _header(title: str, by_protocol: Mapping[str, Sequence[Method]]) -> str:
         (number(100.0 * estimate.value, 1) + " %", "of the goals reached"),
         (f"{_ends(estimate)} %", "95 % Wilson interval"),
         (number(flown), "flights"),
-        (number(rows["return"].mean(), 1), "mean return"),
+        (number(rows[names.RETURN].mean(), 1), "mean return"),
     ]
     return header("vvc-bench report", labels[0], f"{title}.", tiles)
 
@@ -149,7 +145,7 @@ def _rows(method: Method) -> pd.DataFrame:
 
 
 def _success(method: Method) -> Estimate:
-    shares = _rows(method).groupby("goal")["success"].mean()
+    shares = _rows(method).groupby(names.GOAL)[names.SUCCESS].mean()
     return success_rate(shares.to_numpy(dtype=np.float64))
 
 
@@ -176,13 +172,14 @@ def _protocol_sections(
         comparison,
     )
     common = [figure(draw(picture, material)) for picture in FLIGHTS]
-    maps = [figure(draw(picture, material)) for picture in (*(success_map(name) for name in material.flights), ALONG)]
+    where = (*(success_map(name) for name in material.flights), ALONG) if material.has_spread else ()
+    maps = [figure(draw(picture, material)) for picture in where]
     return [
         section(f"{heading}Results", _results(methods, material)),
         section(f"{heading}Who is better", _better(comparison, material) if comparison else ""),
         section(f"{heading}Flights", beside(*common)),
-        section(f"{heading}Where goals are reached", beside(*maps)),
-        section(f"{heading}Where each wins", _wins(comparison, material) if comparison else ""),
+        section(f"{heading}Where goals are reached", beside(*maps) if maps else ""),
+        section(f"{heading}Where each wins", _wins(comparison, material) if comparison and maps else ""),
         section(f"{heading}Sample flights", _samples(flights)),
     ]
 
@@ -191,7 +188,7 @@ def _results(methods: Sequence[Method], material: Material) -> str:
     """A line for each method: success, time, errors, return."""
     ranks = {found.label: found.rank for found in material.comparison.contenders} if material.comparison else {}
     ordered = sorted(methods, key=lambda method: -_success(method).value)
-    known = any(rows["time_ratio"].notna().any() for rows in material.flights.values())
+    known = any(rows[names.TIME_RATIO].notna().any() for rows in material.flights.values())
     head = [
         "",
         *(["rank"] if ranks else []),
@@ -199,7 +196,7 @@ def _results(methods: Sequence[Method], material: Material) -> str:
         "95 % interval",
         "time to reach, s",
         *(["time ratio"] if known else []),
-        *(title for title, _ in _COLUMNS.values()),
+        *map(column_text, names.ERRORS),
         "return",
     ]
     rows = [
@@ -221,15 +218,15 @@ def _results(methods: Sequence[Method], material: Material) -> str:
 
 def _result_cells(method: Method, time_step_s: float, with_ratio: bool) -> list[str]:
     rows, estimate = _rows(method), _success(method)
-    reached = rows[rows["success"]]
-    ratio = [number(spread(reached["time_ratio"].to_numpy(np.float64, na_value=np.nan)), 2)] if with_ratio else []
+    reached = rows[rows[names.SUCCESS]]
+    ratio = [number(spread(reached[names.TIME_RATIO]), 2)] if with_ratio else []
     return [
         number(100.0 * estimate.value, 2),
         _ends(estimate),
-        number(spread(reached["length_steps"] * time_step_s), 1),
+        number(spread(reached[names.LENGTH] * time_step_s), 1),
         *ratio,
-        *(number(spread(reached[column]), decimals) for column, (_, decimals) in _COLUMNS.items()),
-        number(spread(rows["return"]), 1),
+        *(number(spread(reached[column]), 2) for column in names.ERRORS),
+        number(spread(rows[names.RETURN]), 1),
     ]
 
 
@@ -252,8 +249,8 @@ def _better(comparison: Comparison, material: Material) -> str:
         "First and second wins: goals that one reaches more often than the other. p: McNemar's exact test, or where "
         "each goal is flown several times the exact sign-flip test of the differences; then corrected for the number "
         f"of pairs. A difference counts where that is below {SIGNIFICANT:g}; the ranks are those that such differences "
-        "leave open, all of them right at once with 95 % confidence. All of it is about these policies; for the methods "
-        "that they are runs of, see the spread over runs."
+        "leave open, all of them right at once with 95 % confidence. All of it is about these policies; of the "
+        "methods that they are runs of, the spread over runs tells more."
     )
     return beside(figure(draw(RANKS, material))) + table(head, pairs) + note(remark)
 
@@ -297,8 +294,8 @@ def _flight_pictures(episodes: Episodes) -> tuple[Picture[Episodes], ...]:
         Picture(
             "paths",
             "In space",
-            f"{count} flights to goals drawn at random, {reached} of which reach; the longest tenth is left out. Altitude "
-            "is drawn enlarged.",
+            f"{count} flights drawn at random, {reached} of which reach; the longest tenth is left out. Altitude is drawn "
+            "enlarged.",
             draw_paths,
         ),
         Picture(

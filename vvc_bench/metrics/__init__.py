@@ -18,12 +18,13 @@ from vvc_bench.metrics.statistics import (
     wilson_interval,
 )
 from vvc_bench.metrics.summary import Summary, Table1, Table12, VariableSmoothness, summary
-from vvc_bench.metrics.wear import Wear, wear
+from vvc_bench.metrics.wear import EpisodeWear, Wear, episode_wear, wear
 
 __all__ = [
     "PUBLISHED",
     "BestLengths",
     "Coverage",
+    "EpisodeWear",
     "Estimate",
     "Integrity",
     "Interval",
@@ -44,6 +45,7 @@ __all__ = [
     "best_lengths",
     "bootstrap_interquartile_mean",
     "coverage",
+    "episode_wear",
     "final_errors",
     "holm",
     "integrity",
