@@ -17,9 +17,10 @@ from vvc_bench.page import Shown
 try:
     from matplotlib import colormaps
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Colormap, ListedColormap, Normalize
+    from matplotlib.colors import Colormap, LinearSegmentedColormap, ListedColormap, Normalize
     from matplotlib.figure import Figure
     from matplotlib.ticker import MultipleLocator
     from PIL import Image
@@ -50,15 +51,44 @@ class Theme(NamedTuple):
     """The paper's figures; also the bounds of what counts as reached."""
     scale: tuple[float, float]
     """The part of viridis that stands out from the background."""
+    series: tuple[str, ...]
+    """Of things that are drawn beside each other."""
 
     @property
     def colours(self) -> Colormap:
         """A scale from low to high values."""
         return ListedColormap(colormaps["viridis"](np.linspace(*self.scale, 256)))
 
+    @property
+    def differences(self) -> Colormap:
+        """A scale from negative to positive values, faint in the middle."""
+        return LinearSegmentedColormap.from_list("differences", [self.theirs, self.empty, self.ours])
 
-LIGHT = Theme("light", "#ffffff", "#1c2230", "#5d6675", "#e3e7ec", "#e4e7eb", "#0072b2", "#d55e00", (0.0, 0.93))
-DARK = Theme("dark", "#171b22", "#e8ebf0", "#a3adbb", "#2c333d", "#2a3039", "#56b4e9", "#e69f00", (0.22, 1.0))
+
+LIGHT = Theme(
+    name="light",
+    background="#ffffff",
+    ink="#1c2230",
+    faint="#5d6675",
+    grid="#e3e7ec",
+    empty="#e4e7eb",
+    ours="#0072b2",
+    theirs="#d55e00",
+    scale=(0.0, 0.93),
+    series=("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#5d6675", "#a08c00"),
+)
+DARK = Theme(
+    name="dark",
+    background="#171b22",
+    ink="#e8ebf0",
+    faint="#a3adbb",
+    grid="#2c333d",
+    empty="#2a3039",
+    ours="#56b4e9",
+    theirs="#e69f00",
+    scale=(0.22, 1.0),
+    series=("#56b4e9", "#e69f00", "#2fbf92", "#e39ac4", "#ff7f4d", "#4f8fd6", "#a3adbb", "#f0e442"),
+)
 
 
 class Picture(NamedTuple, Generic[Drawn]):
@@ -100,12 +130,14 @@ def draw_cells(
     tried = np.where(flown > 0, 1.0, np.nan)
     axes.pcolormesh(x_edges, y_edges, tried, cmap=ListedColormap([theme.empty]), rasterized=True)
     chosen = colours or theme.colours
-    mesh = axes.pcolormesh(x_edges, y_edges, values, cmap=chosen, norm=scale, rasterized=True)
-    if x_edges[-1] - x_edges[0] > 180.0:
-        axes.xaxis.set_major_locator(MultipleLocator(90.0))
-    if y_edges[-1] - y_edges[0] > 90.0:
-        axes.yaxis.set_major_locator(MultipleLocator(45.0))
-    return mesh
+    return axes.pcolormesh(x_edges, y_edges, values, cmap=chosen, norm=scale, rasterized=True)
+
+
+def set_angle_ticks(axis: Axis, edges: Array) -> None:
+    """Ticks at 45° or 90° along an axis in degrees that is long enough for them."""
+    span = edges[-1] - edges[0]
+    if span > 90.0:
+        axis.set_major_locator(MultipleLocator(90.0 if span > 180.0 else 45.0))
 
 
 # Style

@@ -176,7 +176,7 @@ h3 { margin: 0 0 0.3rem; font-size: 0.95rem; }
 p { margin: 0 0 0.8rem; max-width: 46rem; }
 section > p:last-child, section > .wide:last-child { margin-bottom: 0; }
 .columns { columns: 20rem 2; column-gap: 2rem; margin-bottom: -1.6rem; }
-.columns + p { margin-top: 1.6rem; }
+.columns + p, .columns + .wide { margin-top: 1.6rem; }
 .columns > div { break-inside: avoid; padding-bottom: 1.6rem; }
 figure { margin: 0; max-width: 32rem; }
 figure img { display: block; width: 100%; height: auto; }
@@ -196,11 +196,13 @@ td:has(code) { white-space: normal; overflow-wrap: anywhere; }
 thead th { color: var(--faint); font-weight: 600; vertical-align: bottom; white-space: normal; }
 thead:not(:has(th:not(:empty))) { display: none; }
 tbody th { font-weight: 400; white-space: normal; }
+th:first-child:not(:last-child) { position: sticky; left: 0; min-width: 6rem; background: var(--sheet); }
 tbody b { font-weight: 600; color: var(--faint); }
 pre {
   overflow-x: auto; margin: 0 0 0.9rem; padding: 0.7rem 0.9rem; background: var(--code); border-radius: 0.5rem;
   line-height: 1.45;
 }
+p code { white-space: nowrap; }
 code { font-family: ui-monospace, "SF Mono", Menlo, Consolas, "Liberation Mono", monospace; font-size: 0.78rem; }
 details { margin: 0 0 0.7rem; }
 summary { cursor: pointer; color: var(--accent); padding: 0.2rem 0; }

@@ -21,6 +21,7 @@ from vvc_bench.drawing import (
     name_text,
     new_figure,
     panel_title,
+    set_angle_ticks,
     style_bar,
     unit_text,
 )
@@ -80,7 +81,7 @@ def _draw_map(material: Material, theme: Theme) -> Figure:
     figure = new_figure(theme, 2.95)
     axes = figure.subplots()
     share = np.where(reached > 0, 100.0 * reached / np.maximum(flown, 1), np.nan)
-    mesh = draw_cells(axes, found.edges[2], found.edges[1], share, flown, Normalize(0.0, 100.0), theme)
+    mesh = _draw_directions(axes, found, share, flown, Normalize(0.0, 100.0), theme)
     label(axes, theme, goal_text("azimuth_deg"), goal_text("path_angle_deg"))
     add_bar(figure, mesh, [axes], "speeds reached, %", theme)
     return figure
@@ -97,7 +98,7 @@ def _draw_maps(material: Material, theme: Theme) -> Figure:
     duration = episodes.lengths * episodes.scenario.settings.time_step
     scale = Normalize(0.0, float(np.quantile(duration, 0.98)))
     for i, (axes, k) in enumerate(zip(grid.flat, chosen, strict=False)):
-        mesh = draw_cells(axes, found.edges[2], found.edges[1], seconds[k], found.flown[k], scale, theme)
+        mesh = _draw_directions(axes, found, seconds[k], found.flown[k], scale, theme)
         label(axes, theme, "azimuth, °" if i >= len(chosen) - 2 else "", "path angle, °" if i % 2 == 0 else "")
         panel_title(axes, f"{found.values[0][k]:g} m/s", theme)
     for axes in grid.flat[len(chosen) :]:
@@ -114,6 +115,16 @@ def _mean_durations(material: Material) -> Array:
     steps, _ = np.histogramdd(goals, edges, weights=episodes.lengths[episodes.reached])
     mean: Array = np.where(count > 0, steps / np.maximum(count, 1), np.nan) * episodes.scenario.settings.time_step
     return mean
+
+
+def _draw_directions(
+    axes: Axes, found: Coverage, values: Array, flown: NDArray[np.int64], scale: Normalize, theme: Theme
+) -> ScalarMappable:
+    """Cells over azimuth and path angle."""
+    _, path_angle, azimuth = found.edges
+    set_angle_ticks(axes.xaxis, azimuth)
+    set_angle_ticks(axes.yaxis, path_angle)
+    return draw_cells(axes, azimuth, path_angle, values, flown, scale, theme)
 
 
 def _draw_along(axis: int) -> Callable[[Material, Theme], Figure]:
