@@ -29,7 +29,7 @@ EPISODES, SUMMARY, TIMING = "episodes.parquet", "summary.json", "timing.json"
 
 _LATENCY_CALLS, _LATENCY_WARM_UP = 300, 30
 
-Rows = dict[str, NDArray[np.generic]]
+Rows = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ _SEED_BITS = 53
 _HELD_OUT = "held-out"
 
 
-class Drawn(NamedTuple):
+@dataclass(frozen=True)
+class Drawn:
     """Points uniform in a box; those of the same entropy lie alike in each box."""
 
     low: Triple
@@ -49,7 +50,7 @@ class Drawn(NamedTuple):
         """Shape (count, 3), rounded to float32, as which goals are seen and stored."""
         generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.entropy)))
         low, high = np.array(self.low), np.array(self.high)
-        drawn = low + (high - low) * generator.random((self.count, 3))
+        drawn: NDArray[np.float64] = low + (high - low) * generator.random((self.count, 3))
         return drawn.astype(np.float32).astype(np.float64)
 
     @property
@@ -170,7 +171,7 @@ def held_out(protocol: Protocol, submission_sha256: str, announced_seed: int) ->
         low, high = drawn.goals.min(axis=0).tolist(), drawn.goals.max(axis=0).tolist()
         drawn = Drawn((low[0], low[1], low[2]), (high[0], high[1], high[2]), _LARGE, entropy)
     else:
-        drawn = drawn._replace(entropy=entropy)
+        drawn = dataclasses.replace(drawn, entropy=entropy)
     name = f"{protocol.name}-{_HELD_OUT}-{digest.hex()[:8]}-{announced_seed}"
     return dataclasses.replace(protocol, name=name, drawn=drawn)
 

@@ -12,9 +12,10 @@ from vvc_bench.sim.fields import Goal
 SERIES = 6
 """So many entries are told apart by colour: the best ones."""
 
-_WIDTH, _LEFT, _RIGHT = 420, 118, 12
-_ROW, _TOP, _BOTTOM = 22, 6, 30
+_WIDTH, _LEFT, _RIGHT = 420, 132, 14
+_ROW, _TOP, _BOTTOM = 24, 8, 34
 _PLOT_LEFT, _PLOT_HEIGHT = 34, 150
+_UNIT = {"mps": "m/s", "deg": "°"}
 
 
 def success_drawing(places: Sequence[Place]) -> str:
@@ -29,7 +30,7 @@ def success_drawing(places: Sequence[Place]) -> str:
 
     parts = [
         f'<path class=grid d="M{across(tick):.1f} {_TOP}V{below}"/>'
-        f'<text class=faint x="{across(tick):.1f}" y="{below + 14}" text-anchor=middle>{100 * tick:g}</text>'
+        f'<text class=faint x="{across(tick):.1f}" y="{below + 15}" text-anchor=middle>{100 * tick:g}</text>'
         for tick in (0.0, 0.25, 0.5, 0.75, 1.0)
     ]
     for k, place in enumerate(places):
@@ -54,7 +55,7 @@ def regions_drawing(places: Sequence[Place]) -> list[str]:
             lines = [_shares(each[column]) for each in regions]
             field = columns(Goal)[name]
             title = f"By {Goal._fields[GOAL_COLUMNS.index(name)].replace('_', ' ')}"
-            drawings.append(_lines_drawing(title, f"wanted, {field.unit.outside}", lines, shown))
+            drawings.append(_lines_drawing(title, f"wanted, {_UNIT[field.unit.outside]}", lines, shown))
     return drawings
 
 
@@ -88,7 +89,7 @@ def _lines_drawing(title: str, label: str, lines: Sequence[Line], places: Sequen
     ]
     for x, anchor in ((least, "start"), ((least + most) / 2.0, "middle"), (most, "end")):
         parts.append(
-            f'<text class=faint x="{across(x):.1f}" y="{_TOP + _PLOT_HEIGHT + 14}" text-anchor={anchor}>{x:g}</text>'
+            f'<text class=faint x="{across(x):.1f}" y="{_TOP + _PLOT_HEIGHT + 15}" text-anchor={anchor}>{x:g}</text>'
         )
     for k, line in enumerate(lines):
         points = " ".join(f"{across(x):.1f},{down(share):.1f}" for x, share in line)

@@ -168,8 +168,9 @@ def _protocol(known: Standings) -> str:
 
 def _table(places: Sequence[Place]) -> str:
     heads = ["entry", "rank", "goals reached, %", "95 % interval", "length, steps", *_ERRORS.values()]
-    heads += ["method", "learned from", "author", "submitted"]
+    texts = ["method", "learned from", "author", "submitted"]
     head = "".join(f"<th><button type=button>{name}</button></th>" for name in heads)
+    head += "".join(f"<th><button type=button class=text>{name}</button></th>" for name in texts)
     rows = "".join(f"<tr>{''.join(_cells(place))}</tr>" for place in places)
     return f"<div class=wide><table class=sorted><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
 
@@ -237,7 +238,7 @@ table.sorted tbody th { font-weight: 600; white-space: nowrap; }
 table.sorted th:first-child { position: sticky; left: 0; background: var(--sheet); }
 a { color: var(--accent); }
 svg { display: block; width: 100%; height: auto; }
-svg text { fill: var(--ink); font: 11px system-ui, sans-serif; }
+svg text { fill: var(--ink); font: 13px system-ui, sans-serif; }
 svg .faint { fill: var(--faint); }
 svg .grid { stroke: var(--line); }
 .key { list-style: none; margin: 0.3rem 0 0; padding: 0; display: flex; flex-wrap: wrap; gap: 0.1rem 1rem; }
