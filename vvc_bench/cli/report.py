@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from vvc_bench.datasets.progress import progress_line
 from vvc_bench.evaluation.methods import Method, read_methods
 
 FOLDERS_HELP = (
@@ -55,4 +56,7 @@ def write_page(path: Path, methods: Sequence[Method], policies: Sequence[Path]) 
     from vvc_bench.evaluation.samples import flown_protocols, sample_flights
 
     protocols = flown_protocols(methods)
-    write_report(path, methods, protocols, sample_flights(methods, protocols, policies))
+    with progress_line("flying samples", "methods") as show:
+        flights = sample_flights(methods, protocols, policies, show)
+    with progress_line("drawing", "protocols") as show:
+        write_report(path, methods, protocols, flights, show)

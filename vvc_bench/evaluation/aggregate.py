@@ -56,11 +56,14 @@ def aggregate(evaluations: Sequence[Evaluation], score: str, generator: np.rando
         name: _seed_scores(runs[0], score) if by_seed else [float(np.mean(_seed_scores(run, score))) for run in runs]
         for name, runs in protocols.items()
     }
+    middle = bootstrap_interquartile_mean(list(tasks.values()), generator)
+    if score.endswith("_percent"):
+        middle = Estimate(*(float(np.clip(part, 0.0, 100.0)) for part in middle))
     return Aggregate(
         {name: len(scores) for name, scores in tasks.items()},
         "seeds" if by_seed else "policies",
         spread([value for scores in tasks.values() for value in scores]),
-        bootstrap_interquartile_mean(list(tasks.values()), generator),
+        middle,
     )
 
 

@@ -149,10 +149,10 @@ def compare(methods: Sequence[Method], generator: np.random.Generator) -> Compar
     Raises:
         ValueError: for fewer than two, labels that occur twice, or evaluations of different protocols.
     """
+    protocol, goals = _common_protocol(methods)
     if len(methods) < 2 or len({method.label for method in methods}) < len(methods):
         labels = ", ".join(method.label for method in methods)
-        raise ValueError(f"comparing takes two or more evaluations with labels of their own; got {labels or 'none'}")
-    protocol, goals = _common_protocol(methods)
+        raise ValueError(f"comparing takes two or more evaluations with labels of their own; got {labels}")
     unranked = sorted((_contender(method, len(goals), generator) for method in methods), key=_worst_last)
     pairs = _pairs(unranked)
     places = {contender.label: k for k, contender in enumerate(unranked)}
@@ -219,9 +219,9 @@ def _common_protocol(methods: Sequence[Method]) -> tuple[dict[str, str], NDArray
     """
     every = [evaluation for method in methods for evaluation in method.evaluations]
     flown = {protocol_hash(evaluation): protocol_name(evaluation) for evaluation in every}
-    if len(flown) > 1:
+    if len(flown) != 1:
         known = ", ".join(f"{name} ({digest[:12]})" for digest, name in flown.items())
-        raise ValueError(f"only evaluations of the same protocol can be compared; these are of {known}")
+        raise ValueError(f"only evaluations of the same protocol can be compared; these are of {known or 'none'}")
     goals = [protocol_goals(evaluation) for evaluation in every]
     if any(not np.array_equal(goals[0], other) for other in goals[1:]):
         raise ValueError("evaluations of the same protocol hold different goals; evaluate again what was changed")

@@ -137,18 +137,15 @@ def _draw_endings(material: Material, theme: Theme) -> Figure:
     shares = {
         name: 100.0 * rows[names.TERMINATION].value_counts(normalize=True) for name, rows in material.flights.items()
     }
-    order = [str(event.name).lower() for event in Event]
     found = set().union(*(part.index for part in shares.values()))
-    events = sorted(found, key=lambda name: order.index(name) if name in order else len(order))
+    events = sorted(found, key=_event_place)
     figure = new_figure(theme, 1.25 + 0.26 * len(shares))
     axes = figure.subplots()
     left = np.zeros(len(shares))
-    for k, event in enumerate(events):
+    for event in events:
         widths = np.array([float(part.get(event, 0.0)) for part in shares.values()])
-        reached = event == str(Event.REACH_TARGET.name).lower()
-        colour = theme.series[2] if reached else _failure_colours(theme)[k % (len(theme.series) - 1)]
         name = event.replace("_", " ") or "none"
-        axes.barh(np.arange(len(shares)), widths, 0.72, left, color=colour, label=name, zorder=2)
+        axes.barh(np.arange(len(shares)), widths, 0.72, left, color=_event_colour(event, theme), label=name, zorder=2)
         left += widths
     axes.set_yticks(np.arange(len(shares)), list(shares))
     axes.invert_yaxis()
@@ -158,9 +155,19 @@ def _draw_endings(material: Material, theme: Theme) -> Figure:
     return figure
 
 
-def _failure_colours(theme: Theme) -> tuple[str, ...]:
-    """All but the one that stands for success."""
-    return (*theme.series[:2], *theme.series[3:])
+_EVENTS = [str(event.name).lower() for event in Event]
+
+
+def _event_place(name: str) -> int:
+    return _EVENTS.index(name) if name in _EVENTS else len(_EVENTS)
+
+
+def _event_colour(name: str, theme: Theme) -> str:
+    """The same for the same event in every picture; green for success alone."""
+    if name == str(Event.REACH_TARGET.name).lower():
+        return theme.series[2]
+    failures = (*theme.series[:2], *theme.series[3:])
+    return failures[_event_place(name) % len(failures)]
 
 
 def _bound(task: Task, column: str) -> float | None:

@@ -5,7 +5,7 @@ The page carries its pictures within itself and reads on a phone as on a desk, i
 """
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,7 @@ def write_report(
     methods: Sequence[Method],
     protocols: Mapping[str, Protocol],
     flights: Mapping[tuple[str, str], Episodes] | None = None,
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
 ) -> Path:
     """Write the report of evaluations.
 
@@ -66,6 +67,7 @@ def write_report(
         methods: what was evaluated, on one or more protocols.
         protocols: by name.
         flights: name of the protocol and label of the method → sample flights; the page says where there are none.
+        progress: told how many protocols are done, and of how many.
 
     Returns:
         The page.
@@ -78,22 +80,28 @@ def write_report(
     if not methods:
         raise ValueError("a report takes at least one evaluation")
     path = Path(path)
-    write_bytes(path, report_page(methods, protocols, flights or {}).encode())
+    path.parent.mkdir(parents=True, exist_ok=True)  # what cannot be written to is said before everything is drawn
+    write_bytes(path, report_page(methods, protocols, flights or {}, progress).encode())
     return path
 
 
 def report_page(
-    methods: Sequence[Method], protocols: Mapping[str, Protocol], flights: Mapping[tuple[str, str], Episodes]
+    methods: Sequence[Method],
+    protocols: Mapping[str, Protocol],
+    flights: Mapping[tuple[str, str], Episodes],
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
 ) -> str:
     """The page as text; see `write_report`."""
     by_protocol = _by_protocol(methods)
     title = " · ".join(by_protocol) if len(by_protocol) < 4 else f"{len(by_protocol)} protocols"
     parts = [_header(title, by_protocol)]
-    for name, those in by_protocol.items():
+    for k, (name, those) in enumerate(by_protocol.items()):
+        progress(k, len(by_protocol))
         heading = f"{name}: " if len(by_protocol) > 1 else ""
         found = compare(those, np.random.default_rng(_SEED)) if len(those) > 1 else None
         shown = {method.label: flights.get((name, method.label)) for method in those}
         parts += _protocol_sections(heading, those, protocols[name].scenario, found, shown)
+    progress(len(by_protocol), len(by_protocol))
     parts += [section("Over runs", _runs(methods)), section("Where it is from", _provenance(methods))]
     return page(f"{title} – report", parts)
 
@@ -294,7 +302,7 @@ def _flight_pictures(episodes: Episodes) -> tuple[Picture[Episodes], ...]:
         Picture(
             "paths",
             "In space",
-            f"{count} flights drawn at random, {reached} of which reach; the longest tenth is left out. Altitude is drawn "
+            f"{count} flights drawn at random, {reached} of which reach; the longest are left out. Altitude is drawn "
             "enlarged.",
             draw_paths,
         ),

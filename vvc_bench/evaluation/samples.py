@@ -1,6 +1,6 @@
 """Sample flights of what was evaluated: the policy is opened and flown again, as in the evaluation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,10 @@ def flown_protocols(methods: Sequence[Method]) -> dict[str, Protocol]:
 
 
 def sample_flights(
-    methods: Sequence[Method], protocols: Mapping[str, Protocol], policies: Sequence[Path] = ()
+    methods: Sequence[Method],
+    protocols: Mapping[str, Protocol],
+    policies: Sequence[Path] = (),
+    progress: Callable[[int, int], object] = lambda _done, _total: None,
 ) -> dict[tuple[str, str], Episodes]:
     """Some flights of each method on each protocol, flown again by the first of its policies that is at hand.
 
@@ -45,6 +48,7 @@ def sample_flights(
         methods: what was evaluated.
         protocols: by name.
         policies: ONNX files, of which those are used whose checksums the evaluations name; others have no effect.
+        progress: told how many methods are done, and of how many.
 
     Returns:
         Name of the protocol and label of the method → flights. Left out are methods without a policy at hand: one that
@@ -57,13 +61,15 @@ def sample_flights(
     """
     files = {file_sha256(path): path for path in policies}
     flights: dict[tuple[str, str], Episodes] = {}
-    for method in methods:
+    for k, method in enumerate(methods):
+        progress(k, len(methods))
         for evaluation in method.evaluations:
             protocol = protocols[protocol_name(evaluation)]
             key = (protocol.name, method.label)
             agent = None if key in flights else _agent(evaluation, protocol, files)
             if agent is not None:
                 flights[key] = _fly(agent, protocol, int(evaluation.summary["seeds"][0]))
+    progress(len(methods), len(methods))
     return flights
 
 

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vvc_bench.metrics.statistics import Estimate, normal_quantile
 
+_LEAST = 1e-12
+
 
 def mcnemar(first_only: int, second_only: int) -> float:
     """Exact two-sided p-value of McNemar's test (1947): a fair coin for each goal that only one of two reaches.
@@ -35,7 +37,7 @@ def sign_flip(differences: ArrayLike) -> float:
 
     Where all differences have the same size it is McNemar's test; so it is what that becomes where each goal is flown
     several times. The distribution of the sum over all 2ⁿ signs comes from its characteristic function, a product of
-    cosines, to about 1e-12.
+    cosines; what comes out below 1e-12 cannot be told from rounding and is returned as that.
 
     Args:
         differences: whole numbers, one for each goal, such as flights that reached less those of the other policy.
@@ -53,7 +55,8 @@ def sign_flip(differences: ArrayLike) -> float:
     for size, count in zip(sizes, counts, strict=True):
         characteristic *= np.cos(turns * size) ** count
     chances = np.clip(np.fft.fft(characteristic).real / places, 0.0, None)  # of 0, 1, …, furthest, −furthest, …, −1
-    return min(1.0, 2.0 * float(chances[observed : furthest + 1].sum())) if observed else 1.0
+    beyond = 2.0 * float(chances[observed : furthest + 1].sum()) if observed else 1.0
+    return min(1.0, max(beyond, _LEAST))
 
 
 def paired_difference(differences: ArrayLike, confidence: float = 0.95) -> Estimate:
