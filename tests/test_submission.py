@@ -30,7 +30,6 @@ HONEST = Submission(
     policy=OnnxPolicy("c" * 64, 1000),
     seeds=(0, 1),
     files={"summary.json": "d" * 64, "episodes.parquet": "e" * 64},
-    outcomes_sha256="f" * 64,
     submitted="2026-11-21T12:00:00Z",
     supersedes=Erratum("linear", "a wrong sign"),
     platform={"machine": "x86_64"},

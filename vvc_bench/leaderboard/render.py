@@ -99,13 +99,10 @@ def _markdown_table(protocol: str, places: Sequence[Place]) -> str:
 
 
 def _markdown_correction(place: Place) -> str:
-    by, erratum = place.corrected_by, place.corrected_by and place.corrected_by.supersedes
-    if by is None or erratum is None:
-        return ""
     said = place.submission
     return (
-        f"superseded: [{said.entry}]({said.protocol}/{said.entry}/{SUBMISSION}), {_success(place)}, by {by.entry}: "
-        f"{_markdown(erratum.reason)}"
+        f"superseded: [{said.entry}]({said.protocol}/{said.entry}/{SUBMISSION}), {_success(place)}, by "
+        f"{place.corrected_by}: {_markdown(place.reason)}"
     )
 
 
@@ -214,13 +211,10 @@ def _training_data(data: TrainingData) -> str:
 
 
 def _correction(place: Place) -> str:
-    by, erratum = place.corrected_by, place.corrected_by and place.corrected_by.supersedes
-    if by is None or erratum is None:
-        return ""
     said = place.submission
     return (
         f'Superseded: <a href="../{said.protocol}/{said.entry}/{SUBMISSION}">{said.entry}</a>, {_success(place)}, by '
-        f"{by.entry}: {html.escape(erratum.reason)}"
+        f"{place.corrected_by}: {html.escape(place.reason)}"
     )
 
 

@@ -110,7 +110,7 @@ def _compile(protocol: str) -> None:
     """Fly a goal here first, so that what gets compiled is kept: the confined process cannot keep anything."""
     known = named_protocol(protocol)
     if isinstance(known.drawn, Drawn):
-        known = dataclasses.replace(known, drawn=known.drawn._replace(count=1))
+        known = dataclasses.replace(known, drawn=dataclasses.replace(known.drawn, count=1))
         evaluate(open_agent(RANDOM, settings=known.scenario.settings), known, threads=1)
 
 

@@ -23,13 +23,15 @@ class Place:
         submission: what it says.
         summary: what it did.
         rank: first and last rank that it may have; None once another entry has corrected it.
-        corrected_by: that entry.
+        corrected_by: that entry's name, or "".
+        reason: what was wrong, in its author's words.
     """
 
     submission: Submission
     summary: Mapping[str, Any]
     rank: RankInterval | None
-    corrected_by: Submission | None
+    corrected_by: str = ""
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,16 +64,17 @@ def standings(root: Path) -> list[Standings]:
 
 def _ranked(protocol: str, entries: Sequence[Entry]) -> Standings:
     corrections = {
-        entry.submission.supersedes.entry: entry.submission for entry in entries if entry.submission.supersedes
+        said.supersedes.entry: {"corrected_by": said.entry, "reason": said.supersedes.reason}
+        for said in (entry.submission for entry in entries)
+        if said.supersedes is not None
     }
-    current = [entry for entry in entries if entry.submission.entry not in corrections]
-    ranks = _ranks(current)
+    ranks = _ranks([entry for entry in entries if entry.submission.entry not in corrections])
     places = [
         Place(
             entry.submission,
             entry.summary,
             ranks.get(entry.submission.entry),
-            corrections.get(entry.submission.entry),
+            **corrections.get(entry.submission.entry, {}),
         )
         for entry in entries
     ]

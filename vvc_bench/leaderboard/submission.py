@@ -92,7 +92,6 @@ class Submission:
         policy: what flies.
         seeds: the seeds that it was evaluated with.
         files: name → SHA-256 of the evaluation's files.
-        outcomes_sha256: hash of how each flight ended, see `vvc_bench.leaderboard.verify.outcomes_sha256`.
         submitted: UTC.
         supersedes: the entry that this one corrects.
         platform: what it was evaluated on.
@@ -109,7 +108,6 @@ class Submission:
     policy: OnnxPolicy | BuiltInPolicy
     seeds: tuple[int, ...]
     files: Mapping[str, str]
-    outcomes_sha256: str
     submitted: str
     supersedes: Erratum | None
     platform: Mapping[str, str]
@@ -296,7 +294,6 @@ _DOCUMENT: dict[str, Check] = {
     "policy": _policy,
     "seeds": _seeds,
     "files": _object(dict.fromkeys(CLAIMED, _hash)),
-    "outcomes_sha256": _hash,
     "submitted": _time,
     "supersedes": _optional(_of(Erratum, {"entry": _entry, "reason": _line(500)})),
     "platform": _names(_line(200), 1, 20),

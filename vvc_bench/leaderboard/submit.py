@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pandas as pd
+
 from vvc_bench.datasets.local import datasets_folder
 from vvc_bench.datasets.store import open_dataset
 from vvc_bench.evaluation import named_protocol
 from vvc_bench.leaderboard import sandbox
-from vvc_bench.leaderboard.claims import outcomes_sha256
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, add_entry, require_free
 from vvc_bench.leaderboard.submission import (
@@ -97,9 +98,8 @@ def submit(
     submission = replace(
         draft,
         files={name: sha256(content) for name, content in files.items()},
-        outcomes_sha256=outcomes_sha256(flown.evaluation.episodes),
     )
-    _refuse_duplicate(submission, others)
+    _refuse_duplicate(submission, others, flown.evaluation.episodes)
     return add_entry(root, submission, files | ({} if model is None else {POLICY: model}))
 
 
@@ -145,7 +145,6 @@ def _draft(
         policy=BuiltInPolicy(policy) if model is None else OnnxPolicy(sha256(model), len(model)),
         seeds=tuple(seeds),
         files=dict.fromkeys(CLAIMED, _UNKNOWN),
-        outcomes_sha256=_UNKNOWN,
         submitted=time.strftime(TIME_FORMAT, time.gmtime()),
         supersedes=about.supersedes,
         platform=this_platform(),
@@ -153,7 +152,7 @@ def _draft(
     return parse_submission(draft.to_bytes(), Path("submission"))
 
 
-def _refuse_duplicate(submission: Submission, others: Sequence[Entry]) -> None:
-    copied = duplicate(submission, others)
+def _refuse_duplicate(submission: Submission, others: Sequence[Entry], episodes: pd.DataFrame | None = None) -> None:
+    copied = duplicate(submission, others, episodes)
     if copied:
         raise ValueError(copied)

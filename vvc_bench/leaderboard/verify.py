@@ -10,9 +10,11 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import pandas as pd
+
 from vvc_bench.evaluation import Evaluation, Protocol, named_protocol, read_evaluation
 from vvc_bench.leaderboard import sandbox
-from vvc_bench.leaderboard.claims import differences, outcomes_sha256, unfounded
+from vvc_bench.leaderboard.claims import differences, same_flights, unfounded
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, list_entries, read_entry
 from vvc_bench.leaderboard.submission import BuiltInPolicy, Submission
@@ -147,13 +149,9 @@ def _without_flying(entry: Entry, protocol: Protocol, claimed: Evaluation) -> li
     submission = entry.submission
     others = [other for other in readable_entries(entry.folder.resolve().parents[1]) if other.name != entry.name]
     check_erratum(submission, others)
-    copied = duplicate(submission, _earlier(submission, others))
-    if copied:
-        return [copied]
     problems = unfounded(claimed, protocol, submission.policy.describe(), submission.seeds)
-    if not problems and outcomes_sha256(claimed.episodes) != submission.outcomes_sha256:
-        problems = ["outcomes_sha256 is not that of the claimed episodes"]
-    return problems
+    copied = "" if problems else duplicate(submission, _earlier(submission, others), claimed.episodes)
+    return [copied] if copied else problems
 
 
 def _fly(
@@ -184,31 +182,44 @@ def readable_entries(root: Path) -> list[Entry]:
     return found
 
 
-def duplicate(submission: Submission, others: Sequence[Entry]) -> str:
+def duplicate(submission: Submission, others: Sequence[Entry], episodes: pd.DataFrame | None = None) -> str:
     """Which of other entries this one is under another name; empty if none.
 
     The same model is found on all protocols, the same flights on this one. An entry may repeat those that it corrects.
+
+    Args:
+        submission: what the entry says.
+        others: entries that came before it.
+        episodes: its flights; without them only the policies are compared.
     """
     corrected = _corrected(submission, others)
-    for other in sorted((each.submission for each in others), key=_age):
-        if other.entry == submission.entry or other.entry in corrected:
+    for other in sorted(others, key=lambda entry: _age(entry.submission)):
+        known = other.submission
+        if known.entry == submission.entry or known.entry in corrected:
             continue
         what = ""
-        if other.policy == submission.policy:
+        if known.policy == submission.policy:
             what = "the policy is that"
-        elif (other.protocol, other.outcomes_sha256) == (submission.protocol, submission.outcomes_sha256):
-            what = "every flight ends as in that"
+        elif episodes is not None and known.protocol == submission.protocol and _flies_as(other, episodes):
+            what = "the flights are those"
         if what:
-            return f"{what} of entry {other.protocol}/{other.entry}, submitted {other.submitted} by {other.author}"
+            return f"{what} of entry {other.name}, submitted {known.submitted} by {known.author}"
     return ""
 
 
-def _earlier(submission: Submission, others: Iterable[Entry]) -> list[Entry]:
-    return [other for other in others if _age(other.submission) < _age(submission)]
+def _flies_as(other: Entry, episodes: pd.DataFrame) -> bool:
+    try:
+        return same_flights(episodes, read_evaluation(other.folder).episodes)
+    except ValueError:  # refused when it is verified
+        return False
 
 
 def _age(submission: Submission) -> tuple[str, str]:
     return submission.submitted, submission.entry
+
+
+def _earlier(submission: Submission, others: Iterable[Entry]) -> list[Entry]:
+    return [other for other in others if _age(other.submission) < _age(submission)]
 
 
 def _corrected(submission: Submission, others: Iterable[Entry]) -> set[str]:
