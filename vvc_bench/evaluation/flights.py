@@ -5,7 +5,7 @@ is filled up. So what a policy computes, to the last bit, does not depend on thr
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,7 +202,7 @@ def _episodes(
     longest = int(lengths.max())
     flown = np.arange(longest) < lengths[:, None]
 
-    def in_turn(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    def in_turn(values: NDArray[Any]) -> NDArray[Any]:
         return values[:longest, : len(lengths)].swapaxes(0, 1)[flown]
 
     transitions = ("observations", "actions", "rewards", "events", "deflections", "load_factors")
@@ -214,17 +214,17 @@ def _episodes(
         starts,
         np.concatenate([[0], np.cumsum(lengths)]),
         final_observations=final_observations,
-        **{name: in_turn(getattr(log, name)) for name in transitions},  # type: ignore[arg-type]
+        **{name: in_turn(getattr(log, name)) for name in transitions},
     )
 
 
-def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -> dict[str, NDArray[np.generic]]:
+def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -> dict[str, NDArray[Any]]:
     """Every column of `columns.episode_columns` for the flights of a chunk."""
     episodes = flights.episodes
     count = len(episodes)
     errors = metrics.final_errors(episodes)
     endings = [termination(chunk.scenario.task, int(events)) for events in episodes.final_events]
-    table: dict[str, NDArray[np.generic]] = {
+    table: dict[str, NDArray[Any]] = {
         names.SEED: np.full(count, chunk.seed),
         names.GOAL: chunk.goals,
         names.CONDITION: np.full(count, chunk.condition),
@@ -243,7 +243,7 @@ def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -
     return table | _wear_and_smoothness(episodes)
 
 
-def _wear_and_smoothness(episodes: Episodes) -> dict[str, NDArray[np.generic]]:
+def _wear_and_smoothness(episodes: Episodes) -> dict[str, NDArray[Any]]:
     worn = metrics.episode_wear(episodes)
     smooth = metrics.action_smoothness(episodes)
     return (
