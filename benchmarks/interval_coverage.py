@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vvc_bench.metrics import bootstrap_interquartile_mean, interquartile_mean, wilson_interval
 
-RUNS = (3, 5, 10, 20)
+RUNS = (3, 5, 10)
 TASKS = (1, 4, 12)
 RESAMPLES = 400
 CONCENTRATION = 8.0

@@ -1,5 +1,6 @@
 """Reports: whole, self-contained, the same every time, right, and laid out by a real browser."""
 
+import hashlib
 import importlib.util
 import json
 from pathlib import Path
@@ -118,12 +119,36 @@ def test_sample_flights_are_those_that_were_evaluated() -> None:
     assert sample_flights(gather([("a", made_up("a", 0.5, protocol=PROTOCOL))]), protocols) == {}
 
 
+def write_level_flight(path: Path) -> Path:
+    """An ONNX policy that always commands wings level, 1 g and half throttle."""
+    onnx = pytest.importorskip("onnx", reason="making an ONNX file takes onnx")
+    pytest.importorskip("onnxruntime", reason="flying an ONNX file takes onnxruntime")
+    helper = onnx.helper
+    inputs = [
+        helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["B", width])
+        for name, width in (("observation", 8), ("desired_goal", 3))
+    ]
+    outputs = [helper.make_tensor_value_info("action", onnx.TensorProto.FLOAT, ["B", 3])]
+    weights = onnx.numpy_helper.from_array(np.zeros((8, 3), dtype=np.float32), "weights")
+    bias = onnx.numpy_helper.from_array(np.array([0.0, 1.0, 0.5], dtype=np.float32), "bias")
+    node = helper.make_node("Gemm", ["observation", "weights", "bias"], ["action"])
+    graph = helper.make_graph([node], "level", inputs, outputs, [weights, bias])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
 def test_a_policy_is_known_by_its_checksum(tmp_path: Path) -> None:
     """A file that no evaluation names is not even opened."""
     stranger = tmp_path / "stranger.onnx"
     stranger.write_bytes(b"no policy")
-    methods = gather([("a", made_up("a", 0.5, protocol=PROTOCOL))])
-    assert sample_flights(methods, {PROTOCOL: named_protocol(PROTOCOL)}, [stranger]) == {}
+    level = write_level_flight(tmp_path / "level.onnx")
+    evaluation = made_up("level", 0.0, protocol=PROTOCOL)
+    evaluation.summary["policy"]["sha256"] = hashlib.sha256(level.read_bytes()).hexdigest()
+    methods = gather([("level", evaluation), ("other", made_up("other", 0.5, protocol=PROTOCOL))])
+    flights = sample_flights(methods, {PROTOCOL: named_protocol(PROTOCOL)}, [stranger, level])
+    assert list(flights) == [(PROTOCOL, "level")]
+    assert (flights[PROTOCOL, "level"].actions == np.array([0.0, 1.0, 0.5], dtype=np.float32)).all()
     with pytest.raises(FileNotFoundError, match="no policy file"):
         sample_flights(methods, {PROTOCOL: named_protocol(PROTOCOL)}, [tmp_path / "nowhere.onnx"])
 

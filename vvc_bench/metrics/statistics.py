@@ -136,9 +136,9 @@ def bootstrap_interquartile_mean(
 
     Runs are drawn again with replacement within each task. The interval is the value ± t·s: s is the standard deviation
     over the resamples, each task's scores spread by √(n/(n − 1)) about their mean, as draws from n runs vary by so much
-    less than runs do; t is Student's quantile with as many degrees of freedom as there are runs less tasks (Hesterberg
-    2015, "What teachers should know about the bootstrap"). Percentile and BCa intervals are too
-    narrow with as few runs as are usual; docs/comparing.md has the coverage of each.
+    less than runs do; t is Student's quantile (Hesterberg 2015, "What teachers should know about the bootstrap"), with
+    Satterthwaite's degrees of freedom (1946) from what each task adds to the variance of the middle half. Percentile
+    and BCa intervals are too narrow with as few runs as are usual; docs/comparing.md has the coverage of each.
 
     Args:
         tasks: for each task the scores of its runs; tasks may differ in how many runs they have.
@@ -157,7 +157,7 @@ def bootstrap_interquartile_mean(
         return Estimate(value, float("nan"), float("nan"))
     resampled = [_spread_out(task)[generator.integers(len(task), size=(resamples, len(task)))] for task in scores]
     deviation = float(interquartile_mean(np.concatenate(resampled, axis=1)).std())
-    half = deviation * student_quantile(confidence, sum(map(len, scores)) - len(scores))
+    half = deviation * student_quantile(confidence, _degrees_of_freedom(scores))
     return Estimate(value, value - half, value + half)
 
 
@@ -165,3 +165,14 @@ def _spread_out(scores: NDArray[np.float64]) -> NDArray[np.float64]:
     mean = scores.mean()
     wider: NDArray[np.float64] = mean + math.sqrt(len(scores) / (len(scores) - 1)) * (scores - mean)
     return wider
+
+
+def _degrees_of_freedom(tasks: Sequence[NDArray[np.float64]]) -> int:
+    """Of the variance that is estimated from all tasks: those whose runs lie in the middle half decide."""
+    ordered = np.sort(np.concatenate(tasks))
+    cut = len(ordered) // 4
+    counts = np.array([len(task) for task in tasks])
+    within = [np.clip(task, ordered[cut], ordered[-1 - cut]) for task in tasks]
+    added = counts * np.array([task.var(ddof=1) for task in within])
+    total = added.sum()
+    return max(1, round(float(total * total / (added * added / (counts - 1)).sum()))) if total > 0.0 else 1
