@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import json
+import threading
 from pathlib import Path
 
 from vvc_bench.datasets.progress import progress_line
@@ -81,6 +82,10 @@ def _root_option(parser: argparse.ArgumentParser, name: str) -> None:
 
 
 def _limits(options: argparse.Namespace) -> Limits:
+    if options.threads is not None and options.threads < 1:
+        raise ValueError(f"--threads must be at least 1, got {options.threads}")
+    if not 0.0 < options.time_limit_s < threading.TIMEOUT_MAX:
+        raise ValueError(f"--time-limit-s must be positive, got {options.time_limit_s:g}")
     return dataclasses.replace(Limits(), wall_s=options.time_limit_s)
 
 

@@ -135,10 +135,10 @@ def _identity(row: Any) -> str:
 
 
 def _differing_leaves(claimed: Mapping[str, Any], known: Mapping[str, Any]) -> Iterator[tuple[str, object, object]]:
-    """Where a claimed summary differs, and both values; the other one may say more, and versions do not count."""
+    """Where two summaries differ, and both values; versions do not count."""
     mine, theirs = (dict(_leaves(document)) for document in (claimed, known))
-    for place, value in mine.items():
-        other = theirs.get(place, "nothing")
+    for place in mine | theirs:
+        value, other = mine.get(place, "nothing"), theirs.get(place, "nothing")
         if not place.startswith("versions.") and not _same(value, other):
             yield place, value, other
 

@@ -1,5 +1,6 @@
 """Fly a policy in a process of its own that can do nothing else, and take home its evaluation."""
 
+import contextlib
 import dataclasses
 import json
 import os
@@ -120,7 +121,8 @@ def _working_folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="vvc-bench-flight-") as name:
         compiled = jit.cache_folder()
         if compiled.is_dir():
-            shutil.copytree(compiled, Path(name, "home", "compiled", compiled.name))
+            with contextlib.suppress(shutil.Error):  # another process is writing there; what was missed is compiled
+                shutil.copytree(compiled, Path(name, "home", "compiled", compiled.name))
         yield Path(name)
 
 
@@ -188,7 +190,8 @@ def _end(process: subprocess.Popen[str], late: threading.Event | None = None) ->
     if process.poll() is None:
         if late is not None:
             late.set()
-        os.killpg(process.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # it has just ended
+            os.killpg(process.pid, signal.SIGKILL)
         process.wait()
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vvc_bench.evaluation import PROTOCOLS, read_evaluation
+from vvc_bench.evaluation import PROTOCOLS, named_protocol, read_evaluation
 from vvc_bench.evaluation.comparison import compare
 from vvc_bench.evaluation.methods import Method
 from vvc_bench.leaderboard.entries import Entry, list_entries, read_entry
@@ -52,13 +52,13 @@ def standings(root: Path) -> list[Standings]:
     """Read all entries and rank them, protocol by protocol in the order of `PROTOCOLS`.
 
     Raises:
-        ValueError: for an entry that cannot be read; `verify` says more.
+        ValueError: for an entry that cannot be read, or of an unknown protocol; `verify` says more.
         FileNotFoundError: if there is no such folder.
     """
     entries: dict[str, list[Entry]] = {}
     for folder in list_entries(root):
         entry = read_entry(folder)
-        entries.setdefault(entry.submission.protocol, []).append(entry)
+        entries.setdefault(named_protocol(entry.submission.protocol).name, []).append(entry)
     return [_ranked(name, entries[name]) for name in PROTOCOLS if name in entries]
 
 

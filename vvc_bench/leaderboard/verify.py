@@ -111,7 +111,7 @@ def verify_entry(
         if problems:
             return Verdict(name, tuple(problems), seconds=time.monotonic() - begun)
         flown = _fly(entry, announced_seed, threads, limits, progress)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         return Verdict(name, (str(error),), seconds=time.monotonic() - begun)
     exact = dict(entry.submission.platform) == this_platform()
     problems = differences(claimed, flown.evaluation, exact=exact)
