@@ -149,7 +149,9 @@ def test_scores_are_stratified_by_protocol() -> None:
     assert both.runs == {"easy-1k-v0": 4, "hard-1k-v0": 4}
     width = both.interquartile_mean.high - both.interquartile_mean.low
     assert 0.0 < width < 15.0
-    assert both.mean_std.std > 30.0
+    rates = [[run.episodes["success"].mean() for run in runs] for runs in (easy, hard)]
+    within = np.sqrt(np.mean([np.var(part) for part in rates]))
+    assert both.mean_std == (pytest.approx(100.0 * np.mean(rates)), pytest.approx(100.0 * within))
 
 
 def test_one_policy_has_its_seeds_for_runs() -> None:

@@ -20,6 +20,7 @@ class Aggregate(NamedTuple):
     over: str
     """What a run is: ``policies``, or ``seeds`` of one policy."""
     mean_std: Spread
+    """Over all runs; the deviation is that from the mean of each run's protocol."""
     interquartile_mean: Estimate
 
     def to_json(self) -> dict[str, Any]:
@@ -62,7 +63,7 @@ def aggregate(evaluations: Sequence[Evaluation], score: str, generator: np.rando
     return Aggregate(
         {name: len(scores) for name, scores in tasks.items()},
         "seeds" if by_seed else "policies",
-        spread([value for scores in tasks.values() for value in scores]),
+        _spread_within(list(tasks.values())),
         middle,
     )
 
@@ -71,3 +72,8 @@ def _seed_scores(evaluation: Evaluation, score: str) -> list[float]:
     """The score of each seed."""
     scale = 100.0 if score.endswith("_percent") else 1.0
     return [scale * float(value) for value in evaluation.episodes.groupby(names.SEED)[SCORES[score]].mean()]
+
+
+def _spread_within(tasks: Sequence[Sequence[float]]) -> Spread:
+    deviations = [value - np.mean(scores) for scores in tasks for value in scores]
+    return Spread(spread([value for scores in tasks for value in scores]).mean, spread(deviations).std)

@@ -122,8 +122,9 @@ def _header(title: str, by_protocol: Mapping[str, Sequence[Method]]) -> str:
     flown = sum(len(evaluation.episodes) for method in every for evaluation in method.evaluations)
     if len(every) > 1:
         kinds = "policies" if all(len(method.evaluations) == 1 for method in every) else "methods"
-        tiles = [(number(len(labels)), kinds), (number(flown), "flights")]
-        tiles += [_best_tile(name, those, len(by_protocol)) for name, those in by_protocol.items()]
+        tiles = [(number(len(labels)), kinds)] if len(labels) > 1 else []
+        tiles += [(number(flown), "flights")]
+        tiles += [_best_tile(name, those) for name, those in by_protocol.items()]
         return header("vvc-bench report", title, _named(labels), tiles)
     rows = _rows(every[0])
     estimate = _success(every[0])
@@ -141,10 +142,10 @@ def _named(labels: Sequence[str]) -> str:
     return f"{', '.join(few[:-1])} and {few[-1]}." if len(few) > 1 else f"{few[0]}."
 
 
-def _best_tile(name: str, methods: Sequence[Method], protocols: int) -> tuple[str, str]:
+def _best_tile(name: str, methods: Sequence[Method]) -> tuple[str, str]:
     best = max(methods, key=lambda method: _success(method).value)
-    of = f"best on {name}" if protocols > 1 else "best"
-    return number(100.0 * _success(best).value, 1) + " %", html.escape(f"{of}: {best.label}")
+    text = f"on {name}" if len(methods) == 1 else f"best on {name}: {best.label}"
+    return number(100.0 * _success(best).value, 1) + " %", html.escape(text)
 
 
 def _rows(method: Method) -> pd.DataFrame:
@@ -354,7 +355,7 @@ def _run_text(found: Aggregate) -> str:
 def _score_cells(score: str, found: Aggregate) -> list[str]:
     decimals = _SCORE_TEXT[score][1]
     value, low, high = (number(part, decimals) for part in found.interquartile_mean)
-    if sum(found.runs.values()) == 1:
+    if set(found.runs.values()) == {1}:
         return [number(found.mean_std.mean, decimals), UNKNOWN, UNKNOWN]
     return [number(found.mean_std, decimals), value, UNKNOWN if low == UNKNOWN else f"{low} to {high}"]
 
