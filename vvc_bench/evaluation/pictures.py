@@ -105,9 +105,9 @@ def _styles(material: Material, theme: Theme) -> dict[str, dict[str, Any]]:
 
 
 def _add_legend(figure: Figure, axes: Axes, theme: Theme, count: int) -> None:
-    handles, names = axes.get_legend_handles_labels()
-    columns = 1 if max(map(len, names), default=0) > 24 else min(count, 3)
-    figure.legend(handles, names, loc="outside lower center", ncols=columns, frameon=False, fontsize=8,
+    handles, texts = axes.get_legend_handles_labels()
+    columns = 1 if max(map(len, texts), default=0) > 24 else min(count, 3)
+    figure.legend(handles, texts, loc="outside lower center", ncols=columns, frameon=False, fontsize=8,
                   labelcolor=theme.ink, handlelength=1.6)  # fmt: skip
 
 
