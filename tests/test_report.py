@@ -95,7 +95,7 @@ def test_it_says_what_was_found(folders: Path, page: Page) -> None:
 
 def test_names_are_text_and_missing_policies_are_said() -> None:
     """And nothing but the evaluations decides the bytes."""
-    hostile = "<script>alert(1)</script>"
+    hostile = "<script>alert(1)</script> $a_$"
     methods = gather([(hostile, made_up(hostile, 0.0, protocol=PROTOCOL))])
     text = report_page(methods, {PROTOCOL: named_protocol(PROTOCOL)}, {})
     assert report_page(methods, {PROTOCOL: named_protocol(PROTOCOL)}, {}) == text

@@ -1,7 +1,7 @@
 """Several runs of a method as one figure: mean ± std as the paper prints it, interquartile mean with its interval."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from vvc_bench.evaluation import columns as names
 from vvc_bench.evaluation.evaluate import Evaluation
 from vvc_bench.evaluation.methods import protocol_name
 from vvc_bench.metrics import Estimate, Spread, bootstrap_interquartile_mean, spread
-from vvc_bench.metrics.documents import plain
 
 
 class Aggregate(NamedTuple):
@@ -22,11 +21,6 @@ class Aggregate(NamedTuple):
     mean_std: Spread
     """Over all runs; the deviation is that from the mean of each run's protocol."""
     interquartile_mean: Estimate
-
-    def to_json(self) -> dict[str, Any]:
-        """The same as a document."""
-        document: dict[str, Any] = plain(self)
-        return document
 
 
 SCORES = {"success_percent": names.SUCCESS, "return": names.RETURN}

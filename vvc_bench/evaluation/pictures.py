@@ -104,10 +104,15 @@ def _styles(material: Material, theme: Theme) -> dict[str, dict[str, Any]]:
     }
 
 
+def _literal(name: str) -> str:
+    """A name in which matplotlib finds no formula."""
+    return name.replace("$", r"\$")
+
+
 def _add_legend(figure: Figure, axes: Axes, theme: Theme, count: int) -> None:
-    handles, names = axes.get_legend_handles_labels()
-    columns = 1 if max(map(len, names), default=0) > 24 else min(count, 3)
-    figure.legend(handles, names, loc="outside lower center", ncols=columns, frameon=False, fontsize=8,
+    handles, texts = axes.get_legend_handles_labels()
+    columns = 1 if max(map(len, texts), default=0) > 24 else min(count, 3)
+    figure.legend(handles, texts, loc="outside lower center", ncols=columns, frameon=False, fontsize=8,
                   labelcolor=theme.ink, handlelength=1.6)  # fmt: skip
 
 
@@ -123,7 +128,7 @@ def _draw_profile(material: Material, theme: Theme) -> Figure:
         share = np.searchsorted(needed, times + 1e-9, side="right") / len(rows)
         interval = wilson_interval(share * len(material.goals), np.full(len(share), len(material.goals)))
         axes.fill_between(times, 100 * interval.low, 100 * interval.high, color=style["color"], alpha=0.2, linewidth=0)
-        axes.plot(times, 100.0 * share, linewidth=1.6, label=name, **style)
+        axes.plot(times, 100.0 * share, linewidth=1.6, label=_literal(name), **style)
     axes.set_xlim(0.0, longest)
     axes.set_ylim(0.0, None)
     label(axes, theme, "time, s", "reached, %")
@@ -147,7 +152,7 @@ def _draw_endings(material: Material, theme: Theme) -> Figure:
         name = event.replace("_", " ") or "none"
         axes.barh(np.arange(len(shares)), widths, 0.72, left, color=_event_colour(event, theme), label=name, zorder=2)
         left += widths
-    axes.set_yticks(np.arange(len(shares)), list(shares))
+    axes.set_yticks(np.arange(len(shares)), list(map(_literal, shares)))
     axes.invert_yaxis()
     axes.set_xlim(0.0, 100.0)
     label(axes, theme, "flights, %")
@@ -192,7 +197,7 @@ def _draw_errors(material: Material, theme: Theme) -> Figure:
             if len(errors):
                 reach.append(float(np.quantile(errors, 0.99)))
                 axes.step(np.append(0.0, errors), np.linspace(0.0, 100.0, len(errors) + 1), where="post", linewidth=1.5,
-                          label=name, **style)  # fmt: skip
+                          label=_literal(name), **style)  # fmt: skip
         if bound is not None:
             axes.axvline(bound, color=theme.faint, linewidth=1.0, linestyle=(0, (3, 2)), zorder=1)
         axes.set_xlim(0.0, 1.04 * max(reach) or 1.0)
@@ -222,7 +227,7 @@ def _draw_along(material: Material, theme: Theme) -> Figure:
             at = middles + 0.1 * width * (k - (len(styles) - 1) / 2.0) / max(len(styles) / 4.0, 1.0)
             axes.vlines(at, 100.0 * interval.low, 100.0 * interval.high, color=style["color"], linewidth=1.1)
             share = np.where(flown > 0, 100.0 * reached / np.maximum(flown, 1), np.nan)
-            axes.plot(at, share, marker="o", markersize=3.2, linewidth=1.1, label=name, **style)
+            axes.plot(at, share, marker="o", markersize=3.2, linewidth=1.1, label=_literal(name), **style)
         label(axes, theme, goal_text(GOAL_COLUMNS[axis]), "reached, %")
     panels[0].set_ylim(0.0, 103.0 * top)
     if len(styles) > 1:
@@ -243,7 +248,7 @@ def _draw_ranks(material: Material, theme: Theme) -> Figure:
         axes.plot(100.0 * rate.value, place, "o", color=colour, markersize=5.5, markeredgecolor=theme.background)
         ranks = rank_text(*contender.rank)
         axes.annotate(ranks, (1.02, place), xycoords=("axes fraction", "data"), size=8.5, va="center", color=theme.ink)
-    axes.set_yticks(np.arange(len(contenders)), [contender.label for contender in contenders])
+    axes.set_yticks(np.arange(len(contenders)), [_literal(contender.label) for contender in contenders])
     axes.set_ylim(len(contenders) - 0.5, -0.5)
     label(axes, theme, "reached, %")
     return figure
