@@ -1,72 +1,49 @@
 """Pictures of a set: which goals it reaches, how long and how smooth its flights are, and some of them.
 
-Each is narrow enough for a phone and is drawn twice, for light and for dark pages, in colours that the colour-blind can
-tell apart (Okabe and Ito; viridis). Takes the extra ``plot`` (matplotlib). Figures are made without pyplot, so that
-nothing global is touched.
+Takes the extra ``plot`` (matplotlib).
 """
 
-import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vvc_bench.drawing import (
+    Array,
+    Picture,
+    Theme,
+    add_bar,
+    column_text,
+    draw_cells,
+    goal_text,
+    label,
+    name_text,
+    new_figure,
+    panel_title,
+    set_angle_ticks,
+    style_bar,
+    unit_text,
+)
 from vvc_bench.goals import GOAL_COLUMNS
 from vvc_bench.metrics import Coverage, Smoothness, action_smoothness, final_errors, observation_smoothness
 from vvc_bench.rollout import Episodes
 from vvc_bench.sim.fields import Goal, Observation
 from vvc_bench.sim.units import DEGREES_PER_RADIAN
 
-try:
-    from matplotlib import colormaps
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.collections import LineCollection
-    from matplotlib.colors import Colormap, ListedColormap, Normalize
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator, MultipleLocator
-    from PIL import Image
-except ImportError as error:
-    raise ImportError("pictures take matplotlib, which is missing: pip install vvc-bench[plot]") from error
+# isort: split
+# Below vvc_bench.drawing, which says what to install where matplotlib is missing.
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-Array = NDArray[np.float64]
-
-_WIDTH = 4.6  # inches: a phone shows it nearly at its own size
-_DOTS_PER_INCH = 220
-_COLOURS_IN_FILE = 256
 _MAPS = 8
 _PATHS = 60
 _LONGEST = 0.9  # quantile of the durations: a few long straight flights would hide the others
 _SEED = 0
-_UNIT_TEXT = {"mps": "m/s", "deg": "°", "degps": "°/s", "m": "m", "g": "g", "": ""}
-
-
-class Theme(NamedTuple):
-    """Colours of a page."""
-
-    name: str
-    background: str
-    ink: str
-    faint: str
-    grid: str
-    empty: str
-    """Goals that were not reached."""
-    ours: str
-    theirs: str
-    """The paper's figures; also the bounds of what counts as reached."""
-    scale: tuple[float, float]
-    """The part of viridis that stands out from the background."""
-
-    @property
-    def colours(self) -> Colormap:
-        """A scale from low to high values."""
-        return ListedColormap(colormaps["viridis"](np.linspace(*self.scale, 256)))
-
-
-LIGHT = Theme("light", "#ffffff", "#1c2230", "#5d6675", "#e3e7ec", "#e4e7eb", "#0072b2", "#d55e00", (0.0, 0.93))
-DARK = Theme("dark", "#171b22", "#e8ebf0", "#a3adbb", "#2c333d", "#2a3039", "#56b4e9", "#e69f00", (0.22, 1.0))
 
 
 class Material(NamedTuple):
@@ -94,25 +71,6 @@ def prepare(episodes: Episodes, coverage: Coverage, published: Mapping[str, Mapp
     return Material(episodes, coverage, final_errors(episodes), smoothness, published)
 
 
-class Picture(NamedTuple):
-    """One picture and what is to be said of it."""
-
-    name: str
-    title: str
-    caption: str
-    draw: Callable[[Material, Theme], Figure]
-
-
-def png(picture: Picture, material: Material, theme: Theme) -> bytes:
-    """A picture as a PNG file, in few colours so that it stays small."""
-    canvas: Any = FigureCanvasAgg(picture.draw(material, theme))
-    canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    content = io.BytesIO()
-    image.quantize(_COLOURS_IN_FILE, dither=Image.Dither.NONE).save(content, format="png", optimize=True)
-    return content.getvalue()
-
-
 # Coverage
 
 
@@ -120,12 +78,12 @@ def _draw_map(material: Material, theme: Theme) -> Figure:
     """How many of the speeds are reached in each direction."""
     found = material.coverage
     flown, reached = found.flown.sum(axis=0), found.reached.sum(axis=0)
-    figure = _figure(theme, 2.95)
+    figure = new_figure(theme, 2.95)
     axes = figure.subplots()
     share = np.where(reached > 0, 100.0 * reached / np.maximum(flown, 1), np.nan)
-    mesh = _draw_cells(axes, found, share, flown, Normalize(0.0, 100.0), theme)
-    _label(axes, theme, _axis_text("azimuth_deg"), _axis_text("path_angle_deg"))
-    _add_bar(figure, mesh, [axes], "speeds reached, %", theme)
+    mesh = _draw_directions(axes, found, share, flown, Normalize(0.0, 100.0), theme)
+    label(axes, theme, goal_text("azimuth_deg"), goal_text("path_angle_deg"))
+    add_bar(figure, mesh, [axes], "speeds reached, %", theme)
     return figure
 
 
@@ -135,17 +93,17 @@ def _draw_maps(material: Material, theme: Theme) -> Figure:
     seconds = _mean_durations(material)
     chosen = np.unique(np.linspace(0, len(found.values[0]) - 1, _MAPS).round().astype(int))
     rows = -(-len(chosen) // 2)
-    figure = _figure(theme, 0.75 + 1.1 * rows)
+    figure = new_figure(theme, 0.75 + 1.1 * rows)
     grid: Any = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     duration = episodes.lengths * episodes.scenario.settings.time_step
     scale = Normalize(0.0, float(np.quantile(duration, 0.98)))
     for i, (axes, k) in enumerate(zip(grid.flat, chosen, strict=False)):
-        mesh = _draw_cells(axes, found, seconds[k], found.flown[k], scale, theme)
-        _label(axes, theme, "azimuth, °" if i >= len(chosen) - 2 else "", "path angle, °" if i % 2 == 0 else "")
-        axes.set_title(f"{found.values[0][k]:g} m/s", loc="left", size=8.5, color=theme.ink, pad=2.5)
+        mesh = _draw_directions(axes, found, seconds[k], found.flown[k], scale, theme)
+        label(axes, theme, "azimuth, °" if i >= len(chosen) - 2 else "", "path angle, °" if i % 2 == 0 else "")
+        panel_title(axes, f"{found.values[0][k]:g} m/s", theme)
     for axes in grid.flat[len(chosen) :]:
         axes.set_visible(False)
-    _add_bar(figure, mesh, list(grid.flat), "time to reach, s", theme, extend="max")
+    add_bar(figure, mesh, list(grid.flat), "time to reach, s", theme, extend="max")
     return figure
 
 
@@ -159,19 +117,14 @@ def _mean_durations(material: Material) -> Array:
     return mean
 
 
-def _draw_cells(
+def _draw_directions(
     axes: Axes, found: Coverage, values: Array, flown: NDArray[np.int64], scale: Normalize, theme: Theme
 ) -> ScalarMappable:
-    """Cells over azimuth and path angle; those flown and not reached in one faint colour."""
+    """Cells over azimuth and path angle."""
     _, path_angle, azimuth = found.edges
-    tried = np.where(flown > 0, 1.0, np.nan)
-    axes.pcolormesh(azimuth, path_angle, tried, cmap=ListedColormap([theme.empty]), rasterized=True)
-    mesh = axes.pcolormesh(azimuth, path_angle, values, cmap=theme.colours, norm=scale, rasterized=True)
-    if azimuth[-1] - azimuth[0] > 180.0:
-        axes.xaxis.set_major_locator(MultipleLocator(90.0))
-    if path_angle[-1] - path_angle[0] > 90.0:
-        axes.yaxis.set_major_locator(MultipleLocator(45.0))
-    return mesh
+    set_angle_ticks(axes.xaxis, azimuth)
+    set_angle_ticks(axes.yaxis, path_angle)
+    return draw_cells(axes, azimuth, path_angle, values, flown, scale, theme)
 
 
 def _draw_along(axis: int) -> Callable[[Material, Theme], Figure]:
@@ -181,7 +134,7 @@ def _draw_along(axis: int) -> Callable[[Material, Theme], Figure]:
         column = GOAL_COLUMNS[axis]
         slab = material.coverage.along(axis)
         interval, flown = slab.interval, np.maximum(slab.flown, 1)
-        figure = _figure(theme, 2.35)
+        figure = new_figure(theme, 2.35)
         axes = figure.subplots()
         edges = material.coverage.edges[axis]
         axes.bar(
@@ -193,7 +146,7 @@ def _draw_along(axis: int) -> Callable[[Material, Theme], Figure]:
         if at:
             shares = [100.0 * known[value] / int(slab.flown[slab.values == value][0]) for value in at]
             _draw_theirs(axes, np.array(at), np.array(shares), theme)
-        _label(axes, theme, _axis_text(column), "reached, %")
+        label(axes, theme, goal_text(column), "reached, %")
         axes.set_ylim(0.0, None)
         return figure
 
@@ -224,29 +177,29 @@ def _draw_theirs(axes: Axes, at: Array, shares: Array, theme: Theme) -> None:
 def _draw_durations(material: Material, theme: Theme) -> Figure:
     episodes = material.episodes
     seconds = episodes.lengths * episodes.scenario.settings.time_step
-    figure = _figure(theme, 2.35)
+    figure = new_figure(theme, 2.35)
     axes = figure.subplots()
     axes.hist(seconds, bins=60, color=theme.ours, alpha=0.85, zorder=2)
     middle = float(np.median(seconds))
     axes.axvline(middle, color=theme.ink, linewidth=1.2, linestyle=(0, (3, 2)), zorder=3)
     title = f"median {middle:.1f} s, mean {seconds.mean():.1f} s, longest {seconds.max():.1f} s"
-    axes.set_title(title, loc="left", size=8.5, color=theme.ink, pad=2.5)
-    _label(axes, theme, "duration of the flight, s", "flights")
+    panel_title(axes, title, theme)
+    label(axes, theme, "duration of the flight, s", "flights")
     return figure
 
 
 def _draw_accuracy(material: Material, theme: Theme) -> Figure:
     task = material.episodes.scenario.task
     bounds = [task.speed_band, *[task.direction_band * DEGREES_PER_RADIAN] * 2]
-    figure = _figure(theme, 3.7)
+    figure = new_figure(theme, 3.7)
     panels: Any = figure.subplots(3, 1)
     for k, (axes, name) in enumerate(zip(panels, GOAL_COLUMNS, strict=True)):
         errors = material.errors[:, k]
         axes.hist(errors, bins=np.linspace(0.0, max(bounds[k], float(errors.max())), 61), color=theme.ours, alpha=0.85)
         axes.axvline(bounds[k], color=theme.theirs, linewidth=1.6, zorder=3)
-        title = f"{_name(name)}: {errors.mean():.2f} ± {errors.std():.2f} {_unit(name)}"
-        axes.set_title(title, loc="left", size=8.5, color=theme.ink, pad=2.5)
-        _label(axes, theme, f"mean error over the last second, {_unit(name)}" if k == 2 else "", "flights")
+        title = f"{name_text(name)}: {errors.mean():.2f} ± {errors.std():.2f} {unit_text(name)}"
+        panel_title(axes, title, theme)
+        label(axes, theme, f"mean error over the last second, {unit_text(name)}" if k == 2 else "", "flights")
         axes.yaxis.set_major_locator(MaxNLocator(3))
     return figure
 
@@ -258,7 +211,7 @@ def _draw_smoothness(material: Material, theme: Theme) -> Figure:
         for prefix, part in zip(("", "action: "), material.smoothness, strict=True)
         for column in part.columns
     ]
-    figure = _figure(theme, 0.75 + 0.235 * len(names))
+    figure = new_figure(theme, 0.75 + 0.235 * len(names))
     panels: Any = figure.subplots(1, 2, sharey=True)
     for axes, title, attribute in zip(panels, ("s₁", "s₂, each step"), ("s1", "s2"), strict=True):
         values = np.concatenate([getattr(part, attribute) for part in material.smoothness], axis=1)
@@ -269,8 +222,8 @@ def _draw_smoothness(material: Material, theme: Theme) -> Figure:
         axes.scatter(middle, places, s=15, color=theme.background, edgecolors=theme.ink, linewidths=0.9, zorder=3)
         axes.set_xscale("log")
         axes.set_xlim(0.2 * float(middle.min()), 2.0 * float(high.max()))
-        axes.set_title(title, loc="left", size=8.5, color=theme.ink, pad=2.5)
-        _label(axes, theme)
+        panel_title(axes, title, theme)
+        label(axes, theme)
         axes.tick_params(axis="y", length=0)
     panels[0].set_yticks(places, names)
     panels[0].invert_yaxis()
@@ -309,13 +262,12 @@ def flight_path(episodes: Episodes, e: int) -> Array:
     return np.column_stack([ground, seen[:, _SEEN["altitude"]]])
 
 
-def _draw_paths(material: Material, theme: Theme) -> Figure:
+def draw_paths(episodes: Episodes, theme: Theme) -> Figure:
     """Sampled flights in space."""
-    episodes = material.episodes
     chosen = _sample(episodes)
     paths = [flight_path(episodes, int(e)) / 1000.0 for e in chosen]
     scale = _speed_scale(episodes.goals[:, 0], theme)
-    figure = _figure(theme, 4.3)
+    figure = new_figure(theme, 4.3)
     figure.set_layout_engine("none")
     axes: Any = figure.add_axes((-0.03, 0.14, 0.94, 0.9), projection="3d", facecolor=theme.background)
     low, high = _space(paths)
@@ -335,7 +287,7 @@ def _draw_paths(material: Material, theme: Theme) -> Figure:
         axis._axinfo["grid"].update(color=theme.grid, linewidth=0.6)
         axis.set_major_locator(MaxNLocator(4))
     place = figure.add_axes((0.18, 0.1, 0.64, 0.018))
-    _style_bar(figure.colorbar(scale, cax=place, orientation="horizontal"), "wanted speed, m/s", theme)
+    style_bar(figure.colorbar(scale, cax=place, orientation="horizontal"), "wanted speed, m/s", theme)
     return figure
 
 
@@ -348,12 +300,11 @@ def _space(paths: Sequence[Array]) -> tuple[Array, Array]:
     return low, high
 
 
-def _draw_approaches(material: Material, theme: Theme) -> Figure:
+def draw_approaches(episodes: Episodes, theme: Theme) -> Figure:
     """Errors of sampled flights over time."""
-    episodes = material.episodes
     task = episodes.scenario.task
     chosen, scale = _sample(episodes), _speed_scale(episodes.goals[:, 0], theme)
-    figure = _figure(theme, 4.5)
+    figure = new_figure(theme, 4.5)
     panels: Any = figure.subplots(3, 1, sharex=True)
     step = episodes.scenario.settings.time_step
     for k, (axes, name) in enumerate(zip(panels, GOAL_COLUMNS, strict=True)):
@@ -365,12 +316,12 @@ def _draw_approaches(material: Material, theme: Theme) -> Figure:
         colours = scale.to_rgba(episodes.goals[chosen, 0])
         axes.add_collection(LineCollection(lines, colors=colours, linewidths=1.0, alpha=0.9, zorder=2))
         axes.axhspan(-band, band, color=theme.theirs, alpha=0.22, linewidth=0, zorder=1)
-        axes.set_title(f"{_name(name)} less the goal's, {_unit(name)}", loc="left", size=8.5, color=theme.ink, pad=2.5)
-        _label(axes, theme, "time, s" if k == 2 else "")
+        panel_title(axes, f"{name_text(name)} less the goal's, {unit_text(name)}", theme)
+        label(axes, theme, "time, s" if k == 2 else "")
         axes.autoscale_view()
         axes.yaxis.set_major_locator(MaxNLocator(4))
     panels[-1].set_xlim(0.0, None)
-    _add_bar(figure, scale, list(panels), "wanted speed, m/s", theme)
+    add_bar(figure, scale, list(panels), "wanted speed, m/s", theme)
     return figure
 
 
@@ -388,59 +339,7 @@ def _speed_scale(speeds: Array, theme: Theme) -> ScalarMappable:
     return ScalarMappable(Normalize(low, max(high, low + 1.0)), theme.colours)
 
 
-# Style
-
-
-def _figure(theme: Theme, height: float) -> Figure:
-    return Figure(figsize=(_WIDTH, height), dpi=_DOTS_PER_INCH, facecolor=theme.background, layout="constrained")
-
-
-def _label(axes: Axes, theme: Theme, x: str = "", y: str = "") -> None:
-    axes.set_facecolor(theme.background)
-    axes.set_xlabel(x, size=8.5, color=theme.faint)
-    axes.set_ylabel(y, size=8.5, color=theme.faint)
-    axes.tick_params(which="both", labelsize=8, colors=theme.faint, length=2)
-    axes.grid(color=theme.grid, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(theme.grid)
-
-
-def _add_bar(figure: Figure, scale: ScalarMappable, axes: list[Any], text: str, theme: Theme, **options: Any) -> None:
-    bar = figure.colorbar(scale, ax=axes, location="bottom", aspect=38, shrink=0.7, pad=0.03, **options)
-    _style_bar(bar, text, theme)
-
-
-def _style_bar(bar: Any, text: str, theme: Theme) -> None:
-    bar.set_label(text, size=8.5, color=theme.faint)
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(labelsize=8, colors=theme.faint, length=2)
-
-
-def column_text(column: str) -> str:
-    """A column's name for people: ``path_angle_deg`` is "path angle, °"."""
-    return ", ".join(filter(None, (_name(column), _unit(column))))
-
-
-def _name(column: str) -> str:
-    """``path_angle_deg`` → path angle."""
-    unit = _unit_suffix(column)
-    return (column.removesuffix(f"_{unit}") if unit else column).replace("_", " ")
-
-
-def _unit(column: str) -> str:
-    return _UNIT_TEXT[_unit_suffix(column)]
-
-
-def _unit_suffix(column: str) -> str:
-    return next((unit for unit in _UNIT_TEXT if unit and column.endswith(f"_{unit}")), "")
-
-
-def _axis_text(column: str) -> str:
-    return f"wanted {_name(column)}, {_unit(column)}"
-
-
-PICTURES = (
+PICTURES: tuple[Picture[Material], ...] = (
     Picture(
         "coverage",
         "Directions reached",
@@ -482,13 +381,13 @@ PICTURES = (
         f"{_PATHS} flights drawn at random (seed {_SEED}) from the shorter {_LONGEST:.0%}; altitude is drawn enlarged. "
         "East and north are not stored: they are summed up from the speed, path angle and azimuth reported after each "
         "step.",
-        _draw_paths,
+        lambda material, theme: draw_paths(material.episodes, theme),
     ),
     Picture(
         "approaches",
         "How they come to their goals",
         "The same flights: what is still missing, over time. Band: what counts as reached.",
-        _draw_approaches,
+        lambda material, theme: draw_approaches(material.episodes, theme),
     ),
 )
 """Every picture of a card, in order."""

@@ -1,0 +1,1 @@
+"""Entries that anyone can fly again: submitted, verified, ranked."""
