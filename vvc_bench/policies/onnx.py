@@ -103,6 +103,7 @@ def open_onnx(path: Path) -> OnnxAgent:
 def _open_session(path: Path) -> Any:
     """A session that computes in the thread that asks, so that the bits do not depend on how many cores there are."""
     runtime = import_extra("onnxruntime", "evaluate")
+    runtime.disable_telemetry_events()
     options = runtime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = runtime.ExecutionMode.ORT_SEQUENTIAL
