@@ -1,0 +1,83 @@
+"""The pilots that need no training, by number: what the compiled loops ask for an action."""
+
+from enum import IntEnum
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vvc_bench.experts.manoeuvre import Manoeuvre, load_manoeuvre, manoeuvre_command, manoeuvre_row
+from vvc_bench.experts.pid import PidParameters, load_pid, pid_command
+from vvc_bench.experts.pursuit import PursuitParameters
+from vvc_bench.jit import kernel
+from vvc_bench.sim.fields import Goal, GuidanceCommand, Observation, field_array
+
+_OBSERVATION_SCALE = field_array(Observation, "scale")
+_GUIDANCE_SCALE = field_array(GuidanceCommand, "scale")
+
+
+class Law(IntEnum):
+    """Who commands."""
+
+    RECORDED = 0
+    """Nobody: the actions are there."""
+    PID = 1
+    MANOEUVRE = 2
+    """Pursuit is one without preparation."""
+
+
+_PID = int(Law.PID)
+
+
+class Pilot(NamedTuple):
+    """A law with its figures."""
+
+    law: Law
+    rows: NDArray[np.float64]
+    """Shape (1, P) for all episodes alike, or (E, P)."""
+
+
+RECORDED = Pilot(Law.RECORDED, np.zeros((1, 0)))
+Figures: TypeAlias = PidParameters | PursuitParameters | ArrayLike
+"""A law's parameters, or rows of manoeuvres (`vvc_bench.experts.manoeuvre`)."""
+
+
+def make_pilot(figures: Figures) -> Pilot:
+    """Who flies with these figures."""
+    if isinstance(figures, PidParameters):
+        return Pilot(Law.PID, np.array([figures], dtype=np.float64))
+    if isinstance(figures, PursuitParameters):
+        return Pilot(Law.MANOEUVRE, manoeuvre_row(Manoeuvre(pursuit=figures))[None])
+    return Pilot(Law.MANOEUVRE, np.ascontiguousarray(np.atleast_2d(figures), dtype=np.float64))
+
+
+@kernel
+def write_action(
+    law: int,
+    rows: NDArray[np.float64],
+    row: int,
+    seen: NDArray[np.float32],
+    i: int,
+    goal: Goal,
+    seconds: float,
+    actions: NDArray[np.float32],
+    place: int,
+) -> None:
+    """Write a law's answer to what aircraft i sees."""
+    view = Observation(
+        seen[i, 0] / _OBSERVATION_SCALE[0],
+        seen[i, 1] / _OBSERVATION_SCALE[1],
+        seen[i, 2] / _OBSERVATION_SCALE[2],
+        seen[i, 3] / _OBSERVATION_SCALE[3],
+        seen[i, 4] / _OBSERVATION_SCALE[4],
+        seen[i, 5] / _OBSERVATION_SCALE[5],
+        seen[i, 6] / _OBSERVATION_SCALE[6],
+        seen[i, 7] / _OBSERVATION_SCALE[7],
+    )
+    if law == _PID:
+        command = pid_command(view, goal, load_pid(rows, row))
+    else:
+        command = manoeuvre_command(view, goal, seconds, load_manoeuvre(rows, row))
+    actions[place, 0] = command.roll_rate * _GUIDANCE_SCALE[0]
+    actions[place, 1] = command.load_factor * _GUIDANCE_SCALE[1]
+    actions[place, 2] = command.throttle * _GUIDANCE_SCALE[2]
