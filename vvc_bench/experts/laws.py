@@ -6,14 +6,18 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vvc_bench.experts.manoeuvre import Manoeuvre, load_manoeuvre, manoeuvre_command, manoeuvre_row
+from vvc_bench.experts.manoeuvre import Caution, Manoeuvre, load_manoeuvre, manoeuvre_command, manoeuvre_row
 from vvc_bench.experts.pid import PidParameters, load_pid, pid_command
 from vvc_bench.experts.pursuit import PursuitParameters
 from vvc_bench.jit import kernel
 from vvc_bench.sim.fields import Goal, GuidanceCommand, Observation, field_array
+from vvc_bench.sim.task import Memory
 
 _OBSERVATION_SCALE = field_array(Observation, "scale")
 _GUIDANCE_SCALE = field_array(GuidanceCommand, "scale")
+_STEPS, _MOVING_AWAY, _NEGATIVE_LOAD = (
+    Memory._fields.index(name) for name in ("steps", "steps_moving_away", "steps_negative_load")
+)
 
 
 class Law(IntEnum):
@@ -59,11 +63,12 @@ def write_action(
     seen: NDArray[np.float32],
     i: int,
     goal: Goal,
-    seconds: float,
+    memories: NDArray[np.float64],
+    time_step: float,
     actions: NDArray[np.float32],
     place: int,
 ) -> None:
-    """Write a law's answer to what aircraft i sees."""
+    """Write a law's answer to what aircraft i sees, ``memories[i]`` being the task's `Memory` of its flight."""
     view = Observation(
         seen[i, 0] / _OBSERVATION_SCALE[0],
         seen[i, 1] / _OBSERVATION_SCALE[1],
@@ -77,7 +82,9 @@ def write_action(
     if law == _PID:
         command = pid_command(view, goal, load_pid(rows, row))
     else:
-        command = manoeuvre_command(view, goal, seconds, load_manoeuvre(rows, row))
+        seconds = memories[i, _STEPS] * time_step
+        counters = Caution(memories[i, _MOVING_AWAY], memories[i, _NEGATIVE_LOAD])
+        command = manoeuvre_command(view, goal, seconds, counters, load_manoeuvre(rows, row))
     actions[place, 0] = command.roll_rate * _GUIDANCE_SCALE[0]
     actions[place, 1] = command.load_factor * _GUIDANCE_SCALE[1]
     actions[place, 2] = command.throttle * _GUIDANCE_SCALE[2]

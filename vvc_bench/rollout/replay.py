@@ -91,7 +91,7 @@ def _fly_episodes(
             place = offsets[episode] + step
             if law != _RECORDED:
                 row, goal = 0 if law_for_all else episode, load_goal(shown_goals, episode)
-                write_action(law, law_rows, row, seen, i, goal, step * scheme.time_step, actions, place)
+                write_action(law, law_rows, row, seen, i, goal, memories, scheme.time_step, actions, place)
             for k in range(width):
                 commands[i, k] = actions[place, k] / (_GUIDANCE_SCALE[k] if width == 3 else _SURFACE_SCALE[k])
             if recording:
