@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.experts.pursuit import PURSUIT, PursuitParameters, load_pursuit, pursuit_command
+from vvc_bench.experts.pursuit import PURSUIT, PursuitParameters, hold_speed, load_pursuit, steer
 from vvc_bench.jit import kernel
 from vvc_bench.sim.fields import MIRRORED, Goal, GuidanceCommand, Observation
 from vvc_bench.sim.interpolation import clip
@@ -111,9 +111,9 @@ def manoeuvre_command(
         law.speed_reserve,
         law.speed_margin,
     )
-    command = pursuit_command(view, aim, parameters)
-    throttle = clip(stage.throttle, 0.0, 1.0) if preparing else command.throttle
-    load_factor = command.load_factor
+    steering = steer(view, aim, parameters)
+    throttle = clip(stage.throttle, 0.0, 1.0) if preparing else hold_speed(view, aim, parameters)
+    load_factor = steering.load_factor
     if counters.negative_load_steps >= manoeuvre.caution.negative_load_steps:
         load_factor = max(load_factor, _POSITIVE_LOAD)
-    return GuidanceCommand(command.roll_rate, load_factor, throttle)
+    return GuidanceCommand(steering.roll_rate, load_factor, throttle)
