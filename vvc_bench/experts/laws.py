@@ -39,6 +39,8 @@ class Pilot(NamedTuple):
     law: Law
     rows: NDArray[np.float64]
     """Shape (1, P) for all episodes alike, or (E, P)."""
+    source: str = ""
+    """What its flights are labelled with."""
 
 
 RECORDED = Pilot(Law.RECORDED, np.zeros((1, 0)))
@@ -49,10 +51,10 @@ Figures: TypeAlias = PidParameters | PursuitParameters | ArrayLike
 def make_pilot(figures: Figures) -> Pilot:
     """Who flies with these figures."""
     if isinstance(figures, PidParameters):
-        return Pilot(Law.PID, np.array([figures], dtype=np.float64))
+        return Pilot(Law.PID, np.array([figures], dtype=np.float64), "pid")
     if isinstance(figures, PursuitParameters):
-        return Pilot(Law.MANOEUVRE, manoeuvre_row(Manoeuvre(pursuit=figures))[None])
-    return Pilot(Law.MANOEUVRE, np.ascontiguousarray(np.atleast_2d(figures), dtype=np.float64))
+        return Pilot(Law.MANOEUVRE, manoeuvre_row(Manoeuvre(pursuit=figures))[None], "pursuit")
+    return Pilot(Law.MANOEUVRE, np.ascontiguousarray(np.atleast_2d(figures), dtype=np.float64), "manoeuvre")
 
 
 @kernel

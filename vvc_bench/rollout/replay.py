@@ -175,7 +175,7 @@ def fly_law(
     figures: Figures = APPENDIX_C,
     *,
     seeds: ArrayLike = 0,
-    source: str = "pid",
+    source: str | None = None,
     threads: int | None = None,
     progress: Callable[[int], object] = lambda _: None,
 ) -> Flown:
@@ -186,7 +186,7 @@ def fly_law(
         goals: shape (E, 3): speed in m/s, path angle and azimuth in degrees.
         figures: the law's parameters; or manoeuvres, shape (E, `vvc_bench.experts.manoeuvre.WIDTH`).
         seeds: one for all or shape (E,).
-        source: what the episodes are labelled with.
+        source: what the episodes are labelled with; by default the law's name.
         threads: at most so many; by default all cores. The result does not depend on them.
         progress: told how many goals have been flown since it was last told.
 
@@ -212,7 +212,7 @@ def fly_law(
         flown = np.concatenate([actions[e * room : e * room + lengths[e]] for e in reached] or [actions[:0]])
         offsets = np.concatenate([[0], np.cumsum(lengths[reached])])
         kept = flight.goals[reached], flown, offsets
-        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=source, threads=threads))
+        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=source or pilot.source, threads=threads))
         events.append(last_events)
         progress(count)
     return Flown(concatenate(parts), np.concatenate(events))
