@@ -41,6 +41,8 @@ class _Flights(NamedTuple):
     figures: Figures
     """Of the law, or a manoeuvre for each goal."""
     source: str
+    report: dict[str, Any]
+    """What the metrics say of how these were found."""
 
     def split(self, count: int) -> "list[_Flights]":
         """Parts of about the same size."""
@@ -128,7 +130,7 @@ def _build_flown(
                 for i, part in enumerate(flights.split(count))
             ]
             _fly_missing(shards, engine, progress)
-            _join(shards, folder, goals)
+            _join(shards, folder, goals, flights.report)
             shutil.rmtree(working)
     return folder
 
@@ -141,9 +143,9 @@ def _prepare(
     assert isinstance(recipe, FlownByLaw | Searched)
     goals = recipe.grid.goals
     if isinstance(recipe, FlownByLaw):
-        return _Flights(goals, recipe.parameters, make_pilot(recipe.parameters).source), progress
+        return _Flights(goals, recipe.parameters, make_pilot(recipe.parameters).source, {}), progress
     searched = recipe.budget.sweeps * len(goals)
-    found = search_plans(
+    search = search_plans(
         specification.scenario,
         recipe.grid,
         recipe.budget,
@@ -152,8 +154,9 @@ def _prepare(
         threads=threads,
         progress=lambda done, everything: progress(done, everything + len(goals)),
     )
-    which, ways = found.kept
-    flights = _Flights(goals[which], found.plans[which, ways], SEARCH_SOURCE)
+    which, ways = search.found.kept
+    report = {"search": {"candidates_per_sweep": recipe.budget.candidates // recipe.budget.sweeps} | search.to_json()}
+    flights = _Flights(goals[which], search.found.plans[which, ways], SEARCH_SOURCE, report)
     return flights, lambda done, everything: progress(searched + done, searched + everything)
 
 
@@ -167,13 +170,15 @@ def _fly_missing(shards: Sequence[_Shard], engine: Engine, progress: Progress) -
         progress(done, everything)
 
 
-def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64]) -> None:
+def _join(
+    shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64], report: dict[str, Any]
+) -> None:
     sets = [open_dataset(shard.folder) for shard in shards]
     events: Counter[str] = Counter()
     for part in sets:
         events.update(part.manifest["last_events"])
     episodes = concatenate([part.read() for part in sets])
-    _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), {}, {})
+    _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), report, {})
 
 
 def _build_mirrored(

@@ -3,8 +3,10 @@
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vvc_bench.datasets.catalogue import GoalGrid
 from vvc_bench.flight.files import write_whole
@@ -12,6 +14,31 @@ from vvc_bench.rollout import Scenario
 from vvc_bench.search import Budget, Found, check_searchable, neighbours, nothing_found, sweep
 
 _SWEPT = "sweeps.npz"
+
+
+class Search(NamedTuple):
+    """A search so far."""
+
+    found: Found
+    reached: NDArray[np.int64]
+    """Goals reached after each sweep, shape (sweeps,)."""
+    mean_length_steps: NDArray[np.float64]
+    """Of the shortest flights to them."""
+
+    @property
+    def sweeps(self) -> int:
+        """Sweeps that were made."""
+        return len(self.reached)
+
+    def after(self, found: Found) -> "Search":
+        """The search one sweep later."""
+        lengths = found.lengths[~np.isnan(found.lengths)]
+        mean = lengths.mean() if lengths.size else 0.0
+        return Search(found, np.append(self.reached, lengths.size), np.append(self.mean_length_steps, mean))
+
+    def to_json(self) -> dict[str, Any]:
+        """How the search went, as a document."""
+        return {"reached": self.reached.tolist(), "mean_length_steps": self.mean_length_steps.round(3).tolist()}
 
 
 def search_plans(
@@ -23,7 +50,7 @@ def search_plans(
     seed: int,
     threads: int | None = None,
     progress: Callable[[int, int], object] = lambda done, everything: None,  # noqa: ARG005
-) -> Found:
+) -> Search:
     """Search for plans to every goal of a grid.
 
     Args:
@@ -43,36 +70,41 @@ def search_plans(
     goals, azimuths = grid.goals, grid.azimuth_deg.values
     shape = (grid.speed_mps.points, grid.path_angle_deg.points, grid.azimuth_deg.points)
     near = neighbours(shape, symmetric=np.array_equal(azimuths, -azimuths[::-1]))
-    begun, found = _read(folder / _SWEPT, nothing_found(len(goals), budget.ways))
-    done, everything = begun * len(goals), budget.sweeps * len(goals)
+    search = _read(folder / _SWEPT, nothing_found(len(goals), budget.ways))
+    done, everything = search.sweeps * len(goals), budget.sweeps * len(goals)
 
     def show(count: int) -> None:
         nonlocal done
         done += count
         progress(done, everything)
 
-    for number in range(begun, budget.sweeps):
-        found = sweep(
-            scenario, goals, near, found, budget, seed=seed, number=number, threads=threads, progress=show
+    for number in range(search.sweeps, budget.sweeps):
+        search = search.after(
+            sweep(
+                scenario, goals, near, search.found, budget, seed=seed, number=number, threads=threads, progress=show
+            )
         )
-        _write(folder / _SWEPT, number + 1, found)
-    return found
+        _write(folder / _SWEPT, search)
+    return search
 
 
-def _write(path: Path, sweeps: int, found: Found) -> None:
+def _write(path: Path, search: Search) -> None:
+    columns = {**search._asdict(), **search.found._asdict()}
+    del columns["found"]
+
     def is_whole(place: Path) -> bool:
-        number, read = _read(place, found)
-        return number == sweeps and np.array_equal(read.plans, found.plans)
+        return np.array_equal(_read(place, search.found).found.plans, search.found.plans)
 
-    write_whole(path, lambda place: np.savez(place, sweeps=sweeps, **found._asdict()), is_whole)
+    write_whole(path, lambda place: np.savez(place, **columns), is_whole)
 
 
-def _read(path: Path, nothing: Found) -> tuple[int, Found]:
-    """Sweeps that were made, and what they found; none where the file is missing or broken."""
+def _read(path: Path, nothing: Found) -> Search:
+    """What was written, or nothing where the file is missing or broken."""
+    fresh = Search(nothing, np.zeros(0, dtype=np.int64), np.zeros(0))
     try:
         with np.load(path) as stored:
-            found = Found(stored["plans"], stored["scores"])
-            sweeps = int(stored["sweeps"])
+            found = Found(*(stored[name] for name in Found._fields))
+            search = Search(found, stored["reached"], stored["mean_length_steps"])
     except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return 0, nothing
-    return (sweeps, found) if found.plans.shape == nothing.plans.shape else (0, nothing)
+        return fresh
+    return search if found.plans.shape == nothing.plans.shape else fresh

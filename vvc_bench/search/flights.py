@@ -1,7 +1,5 @@
 """Plans flown and improved, goal by goal, in one compiled loop."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +26,10 @@ _SCALE = field_array(GuidanceCommand, "scale")
 _SPEED_ERROR, _DIRECTION_ERROR = (REPORT.index(name) for name in ("speed_error_mps", "direction_error_deg"))
 _STEPS_IN_BAND = Memory._fields.index("steps_in_band")
 _ALTITUDE, _EAST = (State._fields.index(name) for name in ("altitude", "east"))
+UNSOLVED_SHARE = 3
+"""How many times as much is tried in a sweep for a goal that was not reached before."""
+_TURNS = 3
+"""Sweeps in which each neighbour's plan is tried once as it is; by a goal that was not reached, in each sweep."""
 _FASTEST_TURN = degrees(30.0) * DEGREES_PER_RADIAN
 """deg/s; no flight of 10⁸ steps turned its velocity as fast for long. A flight that needs more to be in time is given
 up."""
@@ -97,7 +99,7 @@ def fly_population(
             if error >= 1.0:
                 outside[i] = error
                 turn, change = (angle - band) / _FASTEST_TURN, (speed_error - task.speed_band) / _FASTEST_CHANGE
-                needed += math.floor(max(turn, change, 0.0) / scheme.time_step)
+                needed += np.floor(max(turn, change, 0.0) / scheme.time_step)
             if step + 1.0 + needed <= limit:
                 flying[still] = i
                 still += 1
@@ -109,7 +111,6 @@ def fly_population(
 @routine
 def make_plan(
     plan: NDArray[np.float64],
-    candidate: int,
     azimuth: float,
     own: NDArray[np.float64],
     own_scores: NDArray[np.float64],
@@ -121,19 +122,13 @@ def make_plan(
 ) -> int:
     """The next plan to try for a goal; returns the number of the next draw.
 
-    Neighbours' plans, in ``pool``, are tried as they are; then the goal's own and its neighbours' are varied, and moved
-    along differences between them.
+    The goal's own plans and its neighbours', in ``pool``, are varied, and moved along differences between them; now and
+    then, and at first, there is a new guess.
     """
     neighbours = pool.shape[0]
     best = int(np.argmin(own_scores))
     solved, begun = own_scores[best] < FAILED, own_scores[best] < np.inf
-    if candidate < neighbours:
-        take(plan, pool[candidate], False)
-        return number
-    if candidate == neighbours and not begun:
-        take(plan, PLAIN, False)
-        return number
-    if not begun and neighbours == 0 or draw(seed, goal, sweep, number)[0] < (0.05 if solved else 0.3):
+    if (not begun and neighbours == 0) or draw(seed, goal, sweep, number)[0] < (0.05 if solved else 0.3):
         return guess(plan, azimuth, seed, goal, sweep, number + 1)
     lot = draw(seed, goal, sweep, number + 1)[0]
     if begun and (neighbours == 0 or lot < 0.7):
@@ -190,9 +185,10 @@ def improve(
     step_limit = load_task(task_row).step_limit
     for g in range(first, last):
         own, own_scores = plans[g].copy(), scores[g].copy()
+        solved = np.min(own_scores) < FAILED
         for i in range(population):
             goal_rows[i] = goals[g]
-        number, known = 0, 0
+        number, known, tried = 0, 0, 0
         for k in range(neighbours.shape[1]):
             other = neighbours[g, k]
             if other < 0:
@@ -204,13 +200,16 @@ def improve(
             if scores[other, niche] < np.inf:
                 take(pool[known], plans[other, niche], mirrored[k])
                 known += 1
-        for generation in range(generations):
-            for i in range(population):
-                rank = i if generation == 0 else population
-                number = make_plan(
-                    trial[i], rank, goals[g, 2], own, own_scores, pool[:known], seed, g, sweep, number
-                )
-            limit = min(step_limit, patience * math.floor(np.min(own_scores)))
+                if tried < population and (not solved or (k + sweep) % _TURNS == 0):
+                    take(trial[tried], pool[known - 1], False)
+                    tried += 1
+        if tried == 0 and not np.isfinite(np.min(own_scores)):
+            take(trial[0], PLAIN, False)
+            tried = 1
+        for generation in range(generations * (1 if solved else UNSOLVED_SHARE)):
+            for i in range(tried if generation == 0 else 0, population):
+                number = make_plan(trial[i], goals[g, 2], own, own_scores, pool[:known], seed, g, sweep, number)
+            limit = min(step_limit, patience * np.floor(np.min(own_scores)))
             flown += fly_population(
                 start,
                 goal_rows,
