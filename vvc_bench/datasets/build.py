@@ -170,9 +170,7 @@ def _fly_missing(shards: Sequence[_Shard], engine: Engine, progress: Progress) -
         progress(done, everything)
 
 
-def _join(
-    shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64], report: dict[str, Any]
-) -> None:
+def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64], report: dict[str, Any]) -> None:
     sets = [open_dataset(shard.folder) for shard in shards]
     events: Counter[str] = Counter()
     for part in sets:

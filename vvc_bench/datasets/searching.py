@@ -80,9 +80,7 @@ def search_plans(
 
     for number in range(search.sweeps, budget.sweeps):
         search = search.after(
-            sweep(
-                scenario, goals, near, search.found, budget, seed=seed, number=number, threads=threads, progress=show
-            )
+            sweep(scenario, goals, near, search.found, budget, seed=seed, number=number, threads=threads, progress=show)
         )
         _write(folder / _SWEPT, search)
     return search

@@ -10,8 +10,8 @@ direction of up, V the speed and g = 9.81 m/s²:
 - load factor: the part of n along the lift vector that is, so that nothing is pulled sideways while the roll goes on;
 - throttle: what carries the weight along the wanted path, and `speed_gain` for each m/s that is missing;
 - energy: while the speed is wrong by more than `speed_margin`, the path aimed at lies lower by `height_gain` for each
-  m/s that is missing, and higher for each that is too much. Missing is meant with what the way to a steep path will take
-  or give: the wanted speed is v_c + `speed_reserve` · ε · sin μ_c on the way.
+  m/s that is missing, and higher for each that is too much. What the way to a steep path will take or give counts: the
+  wanted speed is v_c + `speed_reserve` · ε · sin μ_c on the way.
 
 All is read off an `Observation`, so that the law is a policy like any other.
 """

@@ -17,7 +17,7 @@ from vvc_bench.jit import entry_point
 from vvc_bench.rollout.episodes import PER_TRANSITION, Episodes, concatenate
 from vvc_bench.rollout.scenario import Scenario
 from vvc_bench.sim.episodes import REPORT, begin_rows, fly_row
-from vvc_bench.sim.fields import Goal, GuidanceCommand, Observation, State, SurfaceCommand, field_array
+from vvc_bench.sim.fields import GuidanceCommand, Observation, State, SurfaceCommand, field_array
 from vvc_bench.sim.parallel import available_threads, for_each_chunk
 from vvc_bench.sim.rows import load_conditions, load_goal, load_task
 from vvc_bench.sim.stepping import load_scheme
@@ -212,7 +212,8 @@ def fly_law(
         flown = np.concatenate([actions[e * room : e * room + lengths[e]] for e in reached] or [actions[:0]])
         offsets = np.concatenate([[0], np.cumsum(lengths[reached])])
         kept = flight.goals[reached], flown, offsets
-        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=source or pilot.source, threads=threads))
+        sources = pilot.source if source is None else source
+        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=sources, threads=threads))
         events.append(last_events)
         progress(count)
     return Flown(concatenate(parts), np.concatenate(events))

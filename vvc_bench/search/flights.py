@@ -149,6 +149,60 @@ def make_plan(
     return number
 
 
+@routine
+def ask_neighbours(
+    pool: NDArray[np.float64],
+    trial: NDArray[np.float64],
+    plans: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    neighbours: NDArray[np.int64],
+    mirrored: NDArray[np.bool_],
+    solved: bool,
+    seed: int,
+    goal: int,
+    sweep: int,
+) -> tuple[int, int, int]:
+    """Fill ``pool`` with the neighbours' plans, and ``trial`` with those to be tried as they are.
+
+    Returns how many are in either, and the number of the next draw. Where there is nothing, the goal is pursued.
+    """
+    known, tried, number = 0, 0, 0
+    for k in range(neighbours.size):
+        other = neighbours[k]
+        if other < 0:
+            continue
+        niche = int(scores.shape[1] * draw(seed, goal, sweep, number)[0])
+        number += 1
+        if scores[other, niche] >= FAILED:
+            niche = int(np.argmin(scores[other]))
+        if scores[other, niche] < np.inf:
+            take(pool[known], plans[other, niche], mirrored[k])
+            known += 1
+            if tried < trial.shape[0] and (not solved or (k + sweep) % _TURNS == 0):
+                take(trial[tried], pool[known - 1], False)
+                tried += 1
+    if tried == 0 and not np.isfinite(np.min(scores[goal])):
+        take(trial[0], PLAIN, False)
+        tried = 1
+    return known, tried, number
+
+
+@routine
+def keep_better(
+    own: NDArray[np.float64],
+    own_scores: NDArray[np.float64],
+    trial: NDArray[np.float64],
+    trial_scores: NDArray[np.float64],
+    trial_niches: NDArray[np.int64],
+) -> None:
+    """Put each trial in the place of the goal's own plan of its niche, if it is better."""
+    for i in range(trial.shape[0]):
+        niche = trial_niches[i] % own_scores.size
+        if trial_scores[i] < own_scores[niche]:
+            own_scores[niche] = trial_scores[i]
+            own[niche] = trial[i]
+
+
 @entry_point
 def improve(
     start: NDArray[np.float64],
@@ -178,7 +232,6 @@ def improve(
     one for each niche; ``neighbours`` says for each goal whose plans are worth a try, −1 for nobody.
     """
     flown = 0
-    niche_count = scores.shape[1]
     trial, trial_scores = np.zeros((population, WIDTH)), np.zeros(population)
     trial_niches = np.zeros(population, dtype=np.int64)
     pool, goal_rows = np.zeros((neighbours.shape[1], WIDTH)), np.zeros((population, 3))
@@ -186,26 +239,10 @@ def improve(
     for g in range(first, last):
         own, own_scores = plans[g].copy(), scores[g].copy()
         solved = np.min(own_scores) < FAILED
-        for i in range(population):
-            goal_rows[i] = goals[g]
-        number, known, tried = 0, 0, 0
-        for k in range(neighbours.shape[1]):
-            other = neighbours[g, k]
-            if other < 0:
-                continue
-            niche = int(niche_count * draw(seed, g, sweep, number)[0])
-            number += 1
-            if scores[other, niche] >= FAILED:
-                niche = int(np.argmin(scores[other]))
-            if scores[other, niche] < np.inf:
-                take(pool[known], plans[other, niche], mirrored[k])
-                known += 1
-                if tried < population and (not solved or (k + sweep) % _TURNS == 0):
-                    take(trial[tried], pool[known - 1], False)
-                    tried += 1
-        if tried == 0 and not np.isfinite(np.min(own_scores)):
-            take(trial[0], PLAIN, False)
-            tried = 1
+        goal_rows[:] = goals[g]
+        known, tried, number = ask_neighbours(
+            pool, trial, plans, scores, neighbours[g], mirrored, solved, seed, g, sweep
+        )
         for generation in range(generations * (1 if solved else UNSOLVED_SHARE)):
             for i in range(tried if generation == 0 else 0, population):
                 number = make_plan(trial[i], goals[g, 2], own, own_scores, pool[:known], seed, g, sweep, number)
@@ -224,10 +261,6 @@ def improve(
                 trial_scores,
                 trial_niches,
             )
-            for i in range(population):
-                niche = trial_niches[i] % niche_count
-                if trial_scores[i] < own_scores[niche]:
-                    own_scores[niche] = trial_scores[i]
-                    own[niche] = trial[i]
+            keep_better(own, own_scores, trial, trial_scores, trial_niches)
         new_plans[g], new_scores[g] = own, own_scores
     return flown
