@@ -4,6 +4,7 @@ A sweep reads only what the one before it has found, so the result is a function
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +15,12 @@ from vvc_bench.goals import SCALE
 from vvc_bench.rollout.scenario import Scenario
 from vvc_bench.search.flights import FAILED, NICHES, improve
 from vvc_bench.sim.fields import Conditions, GuidanceCommand
-from vvc_bench.sim.parallel import available_threads, for_each_chunk
+from vvc_bench.sim.parallel import available_threads
 from vvc_bench.sim.task import Memory, window_width
 from vvc_bench.tasks import task_row
 
-_BLOCK = 1024
-"""Goals between two reports of progress."""
-_SHARE = 4
-"""Goals that are worth another thread."""
+_BLOCK = 64
+"""Goals that a thread takes at a time: a second's work or less."""
 _STILL = tuple(k for k, name in enumerate(Conditions._fields) if name != "seed")
 
 
@@ -163,12 +162,13 @@ def sweep(
         budget.population,
         budget.patience,
     )
-    for block in range(0, len(goals), _BLOCK):
-        count = min(_BLOCK, len(goals) - block)
 
-        def work(first: int, last: int, block: int = block) -> None:
-            improve(*inside, *after, block + first, block + last)
+    def work(first: int) -> int:
+        last = min(first + _BLOCK, len(goals))
+        improve(*inside, *after, first, last)
+        return last - first
 
-        for_each_chunk(work, count, threads or available_threads(), _SHARE)
-        progress(count)
+    with ThreadPoolExecutor(threads or available_threads()) as pool:
+        for count in pool.map(work, range(0, len(goals), _BLOCK)):
+            progress(count)
     return after
