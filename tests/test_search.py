@@ -35,7 +35,6 @@ from vvc_bench.experts.manoeuvre import (
     Preparation,
     load_manoeuvre,
     manoeuvre_command,
-    manoeuvre_row,
 )
 from vvc_bench.experts.pid import TABLE_1
 from vvc_bench.goals import SCALE
@@ -117,44 +116,51 @@ def test_bad_figures_are_named() -> None:
 # Manoeuvres
 
 
-def test_a_manoeuvre_flies_in_the_environment_as_in_the_compiled_loop() -> None:
-    """Action by action, with the task's counters kept by hand."""
-    goal = (220.0, 60.0, 100.0)
-    dive = Preparation(duration=4.0, path_angle=-0.6, azimuth=0.3, load_factor=6.0, throttle=0.9)
-    climb = Preparation(duration=2.0, path_angle=0.8, azimuth=0.5)
-    row = manoeuvre_row(Manoeuvre(dive, climb, Goal(2.0, 0.01, -0.01), caution=Caution(8.0, 6.0)))
-    flown = fly_law(Scenario(TASKS["hard"].task), [goal], row).episodes
-    assert len(flown) == 1
-    assert flown.lengths[0] > 100
-    environment = gymnasium.make("vvc_bench:VVC/Hard-v0")
-    seen, _ = environment.reset(options={"goal": goal})
-    view, target = as_flown(seen)
-    angle, away, negative, turned_back = direction_error(view.path_angle, view.azimuth, target), 0, 0, 0
-    for step, expected in enumerate(flown.actions):
-        view, target = as_flown(seen)
-        counters = Caution(away, negative)
-        command = manoeuvre_command(view, target, step * 0.1, counters, load_manoeuvre(row[None], 0))
-        action = (np.array(command) * GUIDANCE_SCALE).astype(np.float32)
-        np.testing.assert_array_equal(action, expected)
-        turned_back += away >= 8
-        seen, _, _, _, _ = environment.step(action)
-        view, target = as_flown(seen)
-        state = environment.unwrapped.state
-        before, angle = angle, direction_error(view.path_angle, view.azimuth, target)
-        away = away + 1 if angle > before else 0
-        banked = abs(state.roll) > TASKS["hard"].task.steep_bank and state.load_factor < 0.0
-        negative = negative + 1 if banked else 0
+def test_a_manoeuvre_flies_in_the_environment_as_in_the_compiled_loop(found: tuple[Found, list[int]]) -> None:
+    """Action by action, with the task's counters kept by hand; impatient plans, so that they turn back."""
+    rows = found[0].plans[:, 0].copy()
+    rows[:, -len(Caution._fields) :] = (4.0, 3.0)
+    longest = np.argsort(-rows[:, Preparation._fields.index("duration")])[:6]
+    flown = [fly_law(HARD, GRID.goals[k], rows[k]).episodes for k in longest]
+    kept = [(k, episodes) for k, episodes in zip(longest, flown, strict=True) if len(episodes)]
+    assert len(kept) >= 3
+    turned_back = 0
+    for k, episodes in kept:
+        turned_back += fly_by_hand(load_manoeuvre(rows, k), GRID.goals[k], episodes.actions)
     assert turned_back > 0
 
 
-def test_mirrored_plans_fly_nearly_the_mirrored_flight() -> None:
-    row = manoeuvre_row(Manoeuvre(Preparation(3.0, 0.2, 0.7), offset=Goal(1.0, 0.0, 0.02)))
-    left, right = (
-        fly_law(HARD, [(220.0, 10.0, azimuth)], plan).episodes for azimuth, plan in ((60, row), (-60, row * MIRROR))
+def fly_by_hand(manoeuvre: Manoeuvre, goal: NDArray[np.float64], actions: NDArray[np.float32]) -> int:
+    """Compare each action with the manoeuvre's command; how often the plan turned back."""
+    environment = gymnasium.make("vvc_bench:VVC/Hard-v0")
+    seen, _ = environment.reset(options={"goal": goal})
+    away = negative = turned_back = 0
+    for step, expected in enumerate(actions):
+        view, target = as_flown(seen)
+        before = direction_error(view.path_angle, view.azimuth, target)
+        turned_back += away >= manoeuvre.caution.moving_away_steps
+        command = manoeuvre_command(view, target, step * 0.1, Caution(away, negative), manoeuvre)
+        action = (np.array(command) * GUIDANCE_SCALE).astype(np.float32)
+        np.testing.assert_array_equal(action, expected)
+        seen, _, _, _, _ = environment.step(action)
+        view, target = as_flown(seen)
+        state = environment.unwrapped.state
+        away = away + 1 if direction_error(view.path_angle, view.azimuth, target) > before else 0
+        banked = abs(state.roll) > HARD.task.steep_bank and state.load_factor < HARD.task.least_load_factor
+        negative = negative + 1 if banked else 0
+    return turned_back
+
+
+def test_mirrored_plans_fly_nearly_the_mirrored_flight(found: tuple[Found, list[int]]) -> None:
+    mirrored_goals = GRID.goals * field_array(Goal, "mirror")
+    plain, image = (
+        fly_law(HARD, goals, rows)
+        for goals, rows in ((GRID.goals, found[0].plans[:, 0]), (mirrored_goals, found[0].plans[:, 0] * MIRROR))
     )
-    mirrored = right.actions * field_array(sim.GuidanceCommand, "mirror")
-    assert abs(int(left.lengths[0]) - int(right.lengths[0])) <= 2
-    np.testing.assert_allclose(left.actions[:20], mirrored[:20], atol=2.0)
+    both = (plain.last_events & image.last_events & 1) != 0
+    assert both.mean() > 0.6
+    lengths = [each.episodes.lengths[both[(each.last_events & 1) != 0]] for each in (plain, image)]
+    assert np.median(np.abs(lengths[0] - lengths[1])) <= 1
 
 
 # The search
@@ -162,7 +168,7 @@ def test_mirrored_plans_fly_nearly_the_mirrored_flight() -> None:
 
 def test_what_is_found_is_what_is_flown(found: tuple[Found, list[int]]) -> None:
     plans, _ = found
-    goals, ways = plans.kept
+    goals, ways = plans.kept(1.0)
     flown = fly_law(HARD, GRID.goals[goals], plans.plans[goals, ways])
     reached = plans.scores[goals, ways] < FAILED
     np.testing.assert_array_equal((flown.last_events & 1) != 0, reached)
@@ -300,7 +306,7 @@ def test_several_ways_end_apart(tmp_path: Path) -> None:
     ends = np.stack([flights.final_observations[:, list(Observation._fields).index("altitude")] > 5000.0], axis=1)
     for goal in np.unique(flights.goals, axis=0):
         mine = (flights.goals == goal).all(axis=1)
-        assert flights.lengths[mine].max() <= 1.4 * flights.lengths[mine].min()
+        assert flights.lengths[mine].max() <= budget.patience * flights.lengths[mine].min()
     assert len(np.unique(ends)) == 2
 
 

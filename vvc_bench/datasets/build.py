@@ -154,7 +154,7 @@ def _prepare(
         threads=threads,
         progress=lambda done, everything: progress(done, everything + len(goals)),
     )
-    which, ways = search.found.kept
+    which, ways = search.found.kept(recipe.budget.patience)
     report = {"search": {"candidates_per_sweep": recipe.budget.candidates // recipe.budget.sweeps} | search.to_json()}
     flights = _Flights(goals[which], search.found.plans[which, ways], SEARCH_SOURCE, report)
     return flights, lambda done, everything: progress(searched + done, searched + everything)

@@ -100,7 +100,7 @@ def _read(path: Path, nothing: Found) -> Search:
     """What was written, or nothing where the file is missing or broken."""
     fresh = Search(nothing, np.zeros(0, dtype=np.int64), np.zeros(0))
     try:
-        with np.load(path) as stored:
+        with path.open("rb") as file, np.load(file) as stored:
             found = Found(*(stored[name] for name in Found._fields))
             search = Search(found, stored["reached"], stored["mean_length_steps"])
     except (FileNotFoundError, ValueError, KeyError, EOFError, zipfile.BadZipFile):

@@ -64,10 +64,14 @@ class Found(NamedTuple):
         least = self.scores.min(axis=1)
         return np.where(least < FAILED, np.floor(least), np.nan)
 
-    @property
-    def kept(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Goal and way of every flight that reaches, and of the nearest miss where none does, goal by goal."""
-        keep = self.scores < FAILED
+    def kept(self, patience: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Goal and way of what is worth flying, goal by goal: where none reaches, the nearest miss.
+
+        Args:
+            patience: how many times as long as the shortest flight another one may be.
+        """
+        longest = np.where(self.lengths > 0.0, patience * self.lengths, 0.0)
+        keep = np.floor(self.scores) <= longest[:, None]
         keep[np.arange(len(keep)), self.best] = True
         goals, ways = np.nonzero(keep)
         return goals, ways
