@@ -33,12 +33,12 @@ SHOWN_FLIGHTS = {
     "fast, down and behind": (280.0, -60.0, -150.0),
 }
 CORNERS = {
-    "fast and steep up: 260 to 300 m/s, 60° to 85°": GoalGrid(Axis(260, 300, 5), Axis(60, 85, 6), Axis(-170, 170, 18)),
+    "fast and steep up: 260 to 300 m/s, 60° to 85°": GoalGrid(Axis(260, 300, 5), Axis(60, 85, 6), Axis(-160, 160, 9)),
     "slow and steep down: 100 to 120 m/s, −85° to −70°": GoalGrid(
-        Axis(100, 120, 3), Axis(-85, -70, 4), Axis(-170, 170, 18)
+        Axis(100, 120, 3), Axis(-85, -70, 4), Axis(-160, 160, 9)
     ),
 }
-CORNER_BUDGET = Budget(sweeps=20, generations=1, population=16)
+CORNER_BUDGET = Budget(sweeps=12, generations=1, population=16)
 _NOT_MOVING_AWAY = float(ALL_EVENTS & ~Event.MOVE_AWAY)
 
 
