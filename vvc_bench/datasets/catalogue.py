@@ -148,7 +148,7 @@ def _kept_by_means(step_limit: int) -> Scenario:
 
 PID, PID_400, HARD = _kept_by_means(1200), _kept_by_means(400), Scenario(TASKS["hard"].task)
 
-SEARCH = Budget(sweeps=17, generations=1, population=16)
+SEARCH = Budget(sweeps=18, generations=1, population=16)
 SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patience=1.3)
 """Of the sets with one flight to a goal, and with several."""
 
