@@ -65,15 +65,17 @@ def draw_coverage(sets: dict[str, Episodes]) -> None:
 
 
 def draw_growth(candidates: Array, reached: Array, lengths: Array, best: BestLengths) -> None:
-    figure = new_figure(7.4, 3.4)
+    figure = new_figure(7.4, 3.2)
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.3))
-    left.semilogx(candidates, reached, color=COLOURS[0], linewidth=2, marker="o", markersize=3.5)
+    left.plot(candidates, reached, color=COLOURS[0], linewidth=2, marker="o", markersize=3.5)
     left.axhline(PAPER_COVERAGE, color=COLOURS[1], linewidth=1.5, linestyle="--")
-    left.text(candidates[-1], PAPER_COVERAGE + 0.5, "the paper's best", ha="right", size=9.5, color=COLOURS[1])
-    finish(left, x="plans tried for a goal", title="Goals reached, %")
-    middle.semilogx(candidates, lengths, color=COLOURS[0], linewidth=2, marker="o", markersize=3.5)
+    left.text(candidates[-1], PAPER_COVERAGE + 0.5, "the paper's", ha="right", size=9.5, color=COLOURS[1])
+    for axes in (left, middle):
+        axes.set(xticks=(0, 100, 200, 300))
+    finish(left, x="plans tried for a goal", title="Reached, %")
+    middle.plot(candidates, lengths, color=COLOURS[0], linewidth=2, marker="o", markersize=3.5)
     middle.axhline(PAPER_LENGTH, color=COLOURS[1], linewidth=1.5, linestyle="--")
-    finish(middle, x="plans tried for a goal", title="Mean length, steps")
+    finish(middle, x="plans tried for a goal", title="Mean length")
     speeds, path_angles = PAPER_GRID.speed_mps.values, PAPER_GRID.path_angle_deg.values
     cells = np.full((speeds.size, path_angles.size), np.nan)
     for i, speed in enumerate(speeds):
@@ -81,7 +83,7 @@ def draw_growth(candidates: Array, reached: Array, lengths: Array, best: BestLen
             here = (best.goals[:, 0] == speed) & np.isclose(best.goals[:, 1], path_angle)
             cells[i, j] = best.steps[here].mean() if here.any() else np.nan
     image = right.pcolormesh(speeds, path_angles, cells.T, cmap="viridis_r")
-    finish(right, x="speed, m/s", y="path angle, °", title="Shortest, mean over azimuth")
+    finish(right, x="speed, m/s", y="path angle, °", title="Length by goal")
     right.grid(visible=False)
     figure.colorbar(image, ax=right, label="steps")
     save(figure, "near_optimal_growth.png")
@@ -125,7 +127,7 @@ def draw_flight(axes: Axes, episodes: Episodes, e: int, name: str) -> object:
 
 
 def draw_flights(episodes: Episodes) -> None:
-    figure = new_figure(7.4, 7.6)
+    figure = new_figure(7.4, 8.4)
     panels = figure.subplots(2, 2, subplot_kw={"projection": "3d"})
     for axes, (name, goal) in zip(panels.flat, SHOWN_FLIGHTS.items(), strict=True):
         lines = draw_flight(axes, episodes, nearest(episodes, goal), name)
