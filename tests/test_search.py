@@ -111,6 +111,8 @@ def test_bad_figures_are_named() -> None:
         pursuit_commands(states[:, :5], [(200.0, 0.0, 0.0)])
     with pytest.raises(ValueError, match="one manoeuvre for all or one for each of 3 goals, got 2"):
         fly_law(HARD, SAMPLE_GRID.goals[:3], np.zeros((2, WIDTH)))
+    with pytest.raises(ValueError, match=rf"shape \(E, {WIDTH}\), got shape \(3, {WIDTH - 1}\)"):
+        fly_law(HARD, SAMPLE_GRID.goals[:3], np.zeros((3, WIDTH - 1)))
 
 
 # Manoeuvres

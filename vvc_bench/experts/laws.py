@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vvc_bench.experts.manoeuvre import Caution, Manoeuvre, load_manoeuvre, manoeuvre_command, manoeuvre_row
+from vvc_bench.experts.manoeuvre import WIDTH, Caution, Manoeuvre, load_manoeuvre, manoeuvre_command, manoeuvre_row
 from vvc_bench.experts.pid import PidParameters, load_pid, pid_command
 from vvc_bench.experts.pursuit import PursuitParameters
 from vvc_bench.jit import kernel
@@ -49,12 +49,19 @@ Figures: TypeAlias = PidParameters | PursuitParameters | ArrayLike
 
 
 def make_pilot(figures: Figures) -> Pilot:
-    """Who flies with these figures."""
+    """Who flies with these figures.
+
+    Raises:
+        ValueError: for manoeuvres of another width, or numbers that are not finite.
+    """
     if isinstance(figures, PidParameters):
         return Pilot(Law.PID, np.array([figures], dtype=np.float64), "pid")
     if isinstance(figures, PursuitParameters):
         return Pilot(Law.MANOEUVRE, manoeuvre_row(Manoeuvre(pursuit=figures))[None], "pursuit")
-    return Pilot(Law.MANOEUVRE, np.ascontiguousarray(np.atleast_2d(figures), dtype=np.float64), "manoeuvre")
+    rows = np.ascontiguousarray(np.atleast_2d(figures), dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != WIDTH or not np.isfinite(rows).all():
+        raise ValueError(f"manoeuvres must be finite numbers of shape (E, {WIDTH}), got shape {rows.shape}")
+    return Pilot(Law.MANOEUVRE, rows, "manoeuvre")
 
 
 @kernel
