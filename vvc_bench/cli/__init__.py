@@ -19,6 +19,7 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 COMMANDS = {
     "fly": "fly one flight to a goal and write it to files",
     "datasets": "make, fetch, measure and check demonstration sets",
+    "best": "show the shortest known flight to each goal, and hand in shorter ones",
     "evaluate": "fly policies to every goal of a protocol and keep the results",
     "compare": "compare evaluations of the same protocol goal by goal",
     "report": "write evaluations as one page with pictures",

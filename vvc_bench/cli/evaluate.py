@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vvc_bench.datasets.progress import progress_line
+from vvc_bench.datasets.best import CONTESTS, best_known
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation import PROTOCOLS, Evaluation, evaluate, named_protocol
 from vvc_bench.policies import Agent, open_agent
@@ -63,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
     agents = [open_agent(policy, settings=settings, trust=options.trust) for policy in options.policy]
     folders = _folders(options.output, agents)
     training_set = None if options.training_set is None else load_dataset(options.training_set)
+    best = best_known(protocol.name).lengths if protocol.name in CONTESTS else None
     summaries = []
     for agent, folder in zip(agents, folders, strict=True):
         with progress_line(f"{agent.name} on {protocol.name}", "flights") as show:
@@ -73,6 +75,7 @@ def run(options: argparse.Namespace) -> int:
                 threads=options.threads,
                 batch_size=options.batch_size,
                 training_set=training_set,
+                best=best,
                 progress=show,
             )
         evaluation.write(folder)
@@ -106,6 +109,8 @@ def _lines(name: str, folder: Path, evaluation: Evaluation) -> list[str]:
         f"{_spread(summary['path_angle_error_deg'], 2)}°, azimuth {_spread(summary['azimuth_error_deg'], 2)}°",
         "  ended by " + ", ".join(f"{event} {count:,}" for event, count in summary["terminations"].items()),
     ]
+    if summary["time_ratio"]["mean"] is not None:
+        lines.append(f"  length over that of the shortest known flight {_spread(summary['time_ratio'], 2)}")
     if "seen" in summary:
         lines.append(f"  goals seen in training: {_share(summary['seen'])}; others: {_share(summary['unseen'])}")
     return [

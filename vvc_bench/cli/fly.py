@@ -1,6 +1,7 @@
-"""``vvc-bench fly``: one flight to a goal under the guidance law of Appendix C, summed up and written to files."""
+"""``vvc-bench fly``: one flight to a goal under a guidance law, summed up and written to files."""
 
 import argparse
+import functools
 import math
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench import sim
-from vvc_bench.experts import APPENDIX_C, WEIGHT_COMPENSATED, pid_commands
+from vvc_bench.experts import APPENDIX_C, PURSUIT, WEIGHT_COMPENSATED, pid_commands, pursuit_commands
 from vvc_bench.flight import (
     Flight,
     available_formats,
@@ -27,7 +28,11 @@ from vvc_bench.sim.fields import Goal
 from vvc_bench.sim.starting import DEFAULT_ALTITUDE_M, DEFAULT_SPEED_MPS
 from vvc_bench.sim.units import COUNT, DEGREES_PER_RADIAN
 
-EXPERTS = {"weight-compensated": WEIGHT_COMPENSATED, "appendix-c": APPENDIX_C}
+EXPERTS = {
+    "weight-compensated": functools.partial(pid_commands, parameters=WEIGHT_COMPENSATED),
+    "appendix-c": functools.partial(pid_commands, parameters=APPENDIX_C),
+    "pursuit": functools.partial(pursuit_commands, parameters=PURSUIT),
+}
 LONGEST_FLIGHT_SECONDS = 3600.0
 _START = ("altitude_m", "speed_mps", "heading_deg")
 
@@ -56,8 +61,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=list(EXPERTS),
         default="weight-compensated",
         help=_default(
-            "guidance law: as in Appendix C, whose throttle lets a climb settle too slow, or with the throttle that "
-            "the weight takes"
+            "guidance law: as in Appendix C, whose throttle lets a climb settle too slow, with the throttle that the "
+            "weight takes, or bank-to-turn pursuit"
         ),
     )
     parser.add_argument(
@@ -90,11 +95,11 @@ def run(options: argparse.Namespace) -> int:
     _announce_compilation()
     state = sim.start(settings, conditions=conditions, **{name: getattr(options, name) for name in _START})
     goal: NDArray[np.float64] = options.goal
-    parameters = EXPERTS[options.expert]
+    commands = EXPERTS[options.expert]
     flight = fly(
         settings,
         state,
-        lambda row: pid_commands(row[None], goal[None], parameters)[0],
+        lambda row: commands(row[None], goal[None])[0],
         options.seconds,
         goal=goal,
         conditions=conditions,

@@ -11,12 +11,14 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Specification, goals_flown
+from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Searched, Specification, goals_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.folders import locked
 from vvc_bench.datasets.merge import update
 from vvc_bench.datasets.mirror import mirror, mirror_and_fly
+from vvc_bench.datasets.searching import search_plans
 from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, write_dataset
+from vvc_bench.experts.laws import Figures, make_pilot
 from vvc_bench.jit import source_hash
 from vvc_bench.metrics import summary
 from vvc_bench.rollout import Episodes, concatenate, fly_law
@@ -28,13 +30,37 @@ Progress = Callable[[int, int], object]
 """Told how many goals are done, and how many there are."""
 
 GOALS_PER_SHARD = 4096
+SEARCH_SOURCE = "search"
+"""What the flights of a search are labelled with."""
+
+
+class _Flights(NamedTuple):
+    """What is to be flown."""
+
+    goals: NDArray[np.float64]
+    figures: Figures
+    """Of the law, or a manoeuvre for each goal."""
+    source: str
+    report: dict[str, Any]
+    """What the metrics say of how these were found."""
+
+    def split(self, count: int) -> "list[_Flights]":
+        """Parts of about the same size."""
+        parts = np.array_split(np.arange(len(self.goals)), count)
+        return [
+            self._replace(
+                goals=self.goals[part].copy(),
+                figures=self.figures[part].copy() if isinstance(self.figures, np.ndarray) else self.figures,
+            )
+            for part in parts
+        ]
 
 
 class _Shard(NamedTuple):
-    """A part of the grid, and where its flights are kept until all are flown."""
+    """A part of the flights, and where they are kept until all are flown."""
 
     specification: Specification
-    goals: NDArray[np.float64]
+    flights: _Flights
     folder: Path
     threads: int | None
 
@@ -72,7 +98,7 @@ def build_dataset(
         OSError: if it cannot be written.
     """
     match specification.recipe:
-        case FlownByLaw():
+        case FlownByLaw() | Searched():
             return _build_flown(specification, folder, threads, shards, engine, progress)
         case Mirrored(parent, resimulate):
             return _build_mirrored(specification, folder, find_parent(parent), resimulate, threads)
@@ -87,7 +113,7 @@ def _build_flown(
     engine: Engine,
     progress: Progress,
 ) -> Path:
-    assert isinstance(specification.recipe, FlownByLaw)
+    assert isinstance(specification.recipe, FlownByLaw | Searched)
     goals = specification.recipe.grid.goals
     count = -(-len(goals) // GOALS_PER_SHARD) if wanted_shards is None else wanted_shards
     if not 1 <= count <= len(goals):
@@ -98,34 +124,59 @@ def _build_flown(
     working.mkdir(parents=True, exist_ok=True)
     with locked(working):
         if working.exists():  # else another builder has just finished
-            parts = [part.copy() for part in np.array_split(goals, count)]
+            flights, progress = _prepare(specification, working, threads, progress)
             shards = [
                 _Shard(specification, part, working / "shards" / f"{i:05d}-of-{count:05d}", threads)
-                for i, part in enumerate(parts)
+                for i, part in enumerate(flights.split(count))
             ]
             _fly_missing(shards, engine, progress)
-            _join(shards, folder, goals)
+            _join(shards, folder, goals, flights.report)
             shutil.rmtree(working)
     return folder
 
 
+def _prepare(
+    specification: Specification, working: Path, threads: int | None, progress: Progress
+) -> tuple[_Flights, Progress]:
+    """What to fly, searched for first if need be, and whom to tell of the flights."""
+    recipe = specification.recipe
+    assert isinstance(recipe, FlownByLaw | Searched)
+    goals = recipe.grid.goals
+    if isinstance(recipe, FlownByLaw):
+        return _Flights(goals, recipe.parameters, make_pilot(recipe.parameters).source, {}), progress
+    searched = recipe.budget.sweeps * len(goals)
+    search = search_plans(
+        specification.scenario,
+        recipe.grid,
+        recipe.budget,
+        working,
+        seed=specification.seed,
+        threads=threads,
+        progress=lambda done, everything: progress(done, everything + len(goals)),
+    )
+    which, ways = search.found.kept(recipe.budget.patience)
+    report = {"search": {"candidates_per_sweep": recipe.budget.candidates // recipe.budget.sweeps} | search.to_json()}
+    flights = _Flights(goals[which], search.found.plans[which, ways], SEARCH_SOURCE, report)
+    return flights, lambda done, everything: progress(searched + done, searched + everything)
+
+
 def _fly_missing(shards: Sequence[_Shard], engine: Engine, progress: Progress) -> None:
     missing = [shard for shard in shards if not _is_done(shard)]
-    everything = sum(len(shard.goals) for shard in shards)
-    done = everything - sum(len(shard.goals) for shard in missing)
+    everything = sum(len(shard.flights.goals) for shard in shards)
+    done = everything - sum(len(shard.flights.goals) for shard in missing)
     progress(done, everything)
     for shard in _fly_all(missing, engine):
-        done += len(shard.goals)
+        done += len(shard.flights.goals)
         progress(done, everything)
 
 
-def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64]) -> None:
+def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64], report: dict[str, Any]) -> None:
     sets = [open_dataset(shard.folder) for shard in shards]
     events: Counter[str] = Counter()
     for part in sets:
         events.update(part.manifest["last_events"])
     episodes = concatenate([part.read() for part in sets])
-    _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), {}, {})
+    _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), report, {})
 
 
 def _build_mirrored(
@@ -187,12 +238,12 @@ def _is_done(shard: _Shard) -> bool:
 def _fly_shard(shard: _Shard) -> _Shard:
     """Fly a shard and keep its flights."""
     specification = shard.specification
-    assert isinstance(specification.recipe, FlownByLaw)
     flown = fly_law(
         specification.scenario,
-        shard.goals,
-        specification.recipe.parameters,
+        shard.flights.goals,
+        shard.flights.figures,
         seeds=specification.seed,
+        source=shard.flights.source,
         threads=shard.threads,
     )
     description = Description(
@@ -200,7 +251,7 @@ def _fly_shard(shard: _Shard) -> _Shard:
         specification=specification.to_json(),
         seed=specification.seed,
         last_events=_count_events(specification.scenario.task, flown.last_events),
-        goals_flown=len(shard.goals),
+        goals_flown=len(shard.flights.goals),
         metrics={},
         parents={},
     )

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench.experts.pid import TABLE_1, WEIGHT_COMPENSATED, PidParameters
+from vvc_bench.experts.pursuit import PURSUIT, PursuitParameters
 from vvc_bench.goals import grid
 from vvc_bench.rollout.scenario import Scenario
+from vvc_bench.search import NICHES, Budget
 from vvc_bench.tasks import TASKS, make_task
 
 
@@ -44,10 +46,18 @@ class GoalGrid(NamedTuple):
 
 @dataclass(frozen=True)
 class FlownByLaw:
-    """Every goal of the grid flown by the guidance law of Appendix C; what reaches is kept."""
+    """Every goal of the grid flown by a guidance law, Appendix C's or pursuit; what reaches is kept."""
 
     grid: GoalGrid
-    parameters: PidParameters
+    parameters: PidParameters | PursuitParameters
+
+
+@dataclass(frozen=True)
+class Searched:
+    """For every goal of the grid, the best flights of those that a search tried."""
+
+    grid: GoalGrid
+    budget: Budget
 
 
 @dataclass(frozen=True)
@@ -68,7 +78,7 @@ class Updated:
     policy: str
 
 
-Recipe: TypeAlias = FlownByLaw | Mirrored | Updated
+Recipe: TypeAlias = FlownByLaw | Searched | Mirrored | Updated
 
 
 class Published(NamedTuple):
@@ -100,7 +110,10 @@ def _recipe_to_json(recipe: Recipe | None) -> dict[str, Any] | None:
         case None:
             return None
         case FlownByLaw(grid, parameters):
-            return {"kind": "flown_by_law", "grid": _grid_to_json(grid), "parameters": parameters._asdict()}
+            kind = "flown_by_law" if isinstance(parameters, PidParameters) else "flown_by_pursuit"
+            return {"kind": kind, "grid": _grid_to_json(grid), "parameters": parameters._asdict()}
+        case Searched(grid, budget):
+            return {"kind": "searched", "grid": _grid_to_json(grid), "budget": budget._asdict()}
         case Mirrored(parent, resimulate):
             return {"kind": "mirrored", "parent": parent, "resimulate": resimulate}
         case Updated(grid, parent, policy):
@@ -134,6 +147,10 @@ def _kept_by_means(step_limit: int) -> Scenario:
 
 
 PID, PID_400, HARD = _kept_by_means(1200), _kept_by_means(400), Scenario(TASKS["hard"].task)
+
+SEARCH = Budget(sweeps=18, generations=1, population=16)
+SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patience=1.3)
+"""Of the sets with one flight to a goal, and with several."""
 
 CATALOGUE = {
     specification.name: specification
@@ -178,6 +195,42 @@ CATALOGUE = {
             "pid-sample-v0 and its mirror image",
             PID,
             Mirrored("pid-sample-v0", resimulate=False),
+        ),
+        Specification(
+            "pursuit-v0",
+            "the paper's grid flown by bank-to-turn pursuit, under the rules of VVC/Hard-v0",
+            HARD,
+            FlownByLaw(PAPER_GRID, PURSUIT),
+        ),
+        Specification(
+            "search-v0",
+            "the shortest flight to each goal that a search found, under the rules of VVC/Hard-v0",
+            HARD,
+            Searched(PAPER_GRID, SEARCH),
+        ),
+        Specification(
+            "search-multi-v0",
+            "up to four short flights to each goal, that end higher or lower, to the right or left",
+            HARD,
+            Searched(PAPER_GRID, SEARCH_WAYS),
+        ),
+        Specification(
+            "search-aug-flown-v0",
+            "search-v0 and its mirrored commands, flown anew",
+            HARD,
+            Mirrored("search-v0", resimulate=True),
+        ),
+        Specification(
+            "search-sample-v0",
+            "315 goals searched with a small budget, for tests and tutorials",
+            HARD,
+            Searched(SAMPLE_GRID, Budget(sweeps=3, generations=1, population=16)),
+        ),
+        Specification(
+            "search-multi-sample-v0",
+            "the same with up to four flights to each goal",
+            HARD,
+            Searched(SAMPLE_GRID, Budget(sweeps=3, generations=1, population=16, ways=NICHES, patience=1.3)),
         ),
         *(
             Specification(

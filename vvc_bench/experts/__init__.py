@@ -16,13 +16,18 @@ from vvc_bench.experts.pid import (
     pid_command,
     pid_commands,
 )
+from vvc_bench.experts.pursuit import PURSUIT, PursuitParameters, pursuit_command, pursuit_commands
 from vvc_bench.sim.fields import Goal
 
 __all__ = [
     "APPENDIX_C",
+    "PURSUIT",
     "WEIGHT_COMPENSATED",
     "Goal",
     "PidParameters",
+    "PursuitParameters",
     "pid_command",
     "pid_commands",
+    "pursuit_command",
+    "pursuit_commands",
 ]

@@ -116,9 +116,19 @@ def pid_command(state: State | Observation, goal: Goal, parameters: PidParameter
 
 
 @kernel
-def load_parameters(row: NDArray[np.float64]) -> PidParameters:
-    """The parameters that an array holds."""
-    return PidParameters(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
+def load_pid(rows: NDArray[np.float64], i: int) -> PidParameters:
+    """The parameters that a row holds."""
+    return PidParameters(
+        rows[i, 0],
+        rows[i, 1],
+        rows[i, 2],
+        rows[i, 3],
+        rows[i, 4],
+        rows[i, 5],
+        rows[i, 6],
+        rows[i, 7],
+        rows[i, 8],
+    )
 
 
 @entry_point
@@ -128,7 +138,7 @@ def _pid_rows(
     parameter_row: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
-    parameters = load_parameters(parameter_row)
+    parameters = load_pid(parameter_row.reshape(1, -1), 0)
     for i in range(states.shape[0]):
         command = pid_command(load_state(states, i), load_goal(goals, i), parameters)
         out[i, 0] = command.roll_rate
@@ -155,13 +165,19 @@ def pid_commands(
             the other aircraft.
     """
     goals = np.ascontiguousarray(goals, dtype=np.float64)
-    _check(states, goals, parameters)
+    check_states_and_goals(states, goals)
+    _check(parameters)
     commands = np.empty((len(states), len(GuidanceCommand._fields)))
     _pid_rows(states, goals, np.array(parameters, dtype=np.float64), commands)
     return commands
 
 
-def _check(states: NDArray[np.float64], goals: NDArray[np.float64], parameters: PidParameters) -> None:
+def check_states_and_goals(states: NDArray[np.float64], goals: NDArray[np.float64]) -> None:
+    """Refuse states and goals that do not fit together.
+
+    Raises:
+        ValueError: for wrong shapes, or goals outside of `Goal`'s bounds.
+    """
     width, goal_width = len(State._fields), len(Goal._fields)
     if states.ndim != 2 or states.shape[1] < width or goals.shape != (len(states), goal_width):
         raise ValueError(
@@ -169,6 +185,9 @@ def _check(states: NDArray[np.float64], goals: NDArray[np.float64], parameters: 
             f"{', '.join(Goal._fields)}; got states {states.shape} and goals {goals.shape}"
         )
     check_goals(goals)
+
+
+def _check(parameters: PidParameters) -> None:
     if not np.isfinite(parameters).all():
         raise ValueError(f"parameters must be finite, got {parameters}")
     for name in ("azimuth_time_constant", "path_angle_time_constant"):

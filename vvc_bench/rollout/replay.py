@@ -10,13 +10,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vvc_bench.experts.pid import APPENDIX_C, PidParameters, load_parameters, pid_command
+from vvc_bench.experts.laws import (
+    RECORDED,
+    Figures,
+    Pilot,
+    make_pilot,
+    read_observation,
+    write_action,
+    write_command,
+)
+from vvc_bench.experts.pid import APPENDIX_C, PidParameters, load_pid, pid_command
 from vvc_bench.goals import SCALE, checked_goals
-from vvc_bench.jit import entry_point, kernel
+from vvc_bench.jit import entry_point
 from vvc_bench.rollout.episodes import PER_TRANSITION, Episodes, concatenate
 from vvc_bench.rollout.scenario import Scenario
 from vvc_bench.sim.episodes import REPORT, begin_rows, fly_row
-from vvc_bench.sim.fields import Goal, GuidanceCommand, Observation, State, SurfaceCommand, field_array
+from vvc_bench.sim.fields import GuidanceCommand, Observation, State, SurfaceCommand, field_array
 from vvc_bench.sim.parallel import available_threads, for_each_chunk
 from vvc_bench.sim.rows import load_conditions, load_goal, load_task
 from vvc_bench.sim.stepping import load_scheme
@@ -29,41 +38,14 @@ SIDE_BY_SIDE = 256
 _BLOCK = 4096
 """Episodes flown between two reports of progress, which bounds the memory for flights that reach nothing."""
 
-_OBSERVATION_SCALE = field_array(Observation, "scale")
 _GUIDANCE_SCALE, _SURFACE_SCALE = field_array(GuidanceCommand, "scale"), field_array(SurfaceCommand, "scale")
 _DEFLECTION_SCALE = field_array(SurfaceCommand, "scale")
 _AILERON = State._fields.index("aileron")
 _DEFLECTIONS = len(SurfaceCommand._fields)
 _OBSERVED = len(Observation._fields)
 _LOAD_FACTOR = REPORT.index("load_factor_g")
-_NO_LAW = np.empty(0)
+_RECORDED = int(RECORDED.law)
 _ONE_SHARE = 1
-
-
-@kernel
-def _write_law_action(
-    seen: NDArray[np.float32],
-    i: int,
-    goal: Goal,
-    parameters: PidParameters,
-    actions: NDArray[np.float32],
-    place: int,
-) -> None:
-    """Write the guidance law's answer to what is seen."""
-    view = Observation(
-        seen[i, 0] / _OBSERVATION_SCALE[0],
-        seen[i, 1] / _OBSERVATION_SCALE[1],
-        seen[i, 2] / _OBSERVATION_SCALE[2],
-        seen[i, 3] / _OBSERVATION_SCALE[3],
-        seen[i, 4] / _OBSERVATION_SCALE[4],
-        seen[i, 5] / _OBSERVATION_SCALE[5],
-        seen[i, 6] / _OBSERVATION_SCALE[6],
-        seen[i, 7] / _OBSERVATION_SCALE[7],
-    )
-    command = pid_command(view, goal, parameters)
-    actions[place, 0] = command.roll_rate * _GUIDANCE_SCALE[0]
-    actions[place, 1] = command.load_factor * _GUIDANCE_SCALE[1]
-    actions[place, 2] = command.throttle * _GUIDANCE_SCALE[2]
 
 
 @entry_point
@@ -73,9 +55,9 @@ def _law_rows(
     parameter_row: NDArray[np.float64],
     actions: NDArray[np.float32],
 ) -> None:
-    parameters = load_parameters(parameter_row)
+    parameters = load_pid(parameter_row, 0)
     for i in range(seen.shape[0]):
-        _write_law_action(seen, i, load_goal(shown_goals, i), parameters, actions, i)
+        write_command(pid_command(read_observation(seen, i), load_goal(shown_goals, i), parameters), actions, i)
 
 
 def law_actions(
@@ -93,7 +75,7 @@ def law_actions(
     """
     actions = np.empty((len(observations), len(GuidanceCommand._fields)), dtype=np.float32)
     _law_rows(
-        np.ascontiguousarray(observations), desired_goals / SCALE, np.array(parameters, dtype=np.float64), actions
+        np.ascontiguousarray(observations), desired_goals / SCALE, np.array([parameters], dtype=np.float64), actions
     )
     return actions
 
@@ -103,7 +85,8 @@ def _fly_episodes(
     starts: NDArray[np.float64],
     goals: NDArray[np.float64],
     shown_goals: NDArray[np.float64],
-    parameter_row: NDArray[np.float64],
+    law: int,
+    law_rows: NDArray[np.float64],
     conditions: NDArray[np.float64],
     scheme_row: NDArray[np.float64],
     task_row: NDArray[np.float64],
@@ -123,12 +106,11 @@ def _fly_episodes(
 ) -> None:
     """Fly episodes start ≤ e < stop, side by side, until an event ends them or their room for actions is used up.
 
-    With ``parameter_row`` the guidance law commands and its actions are written; without, actions are read. Where
+    ``law`` is a number of `vvc_bench.experts.laws.Law`; its actions are written, recorded ones are read. Where
     ``rewards`` has room, all that `Episodes` holds is written too.
     """
     count, width = stop - start, actions.shape[1]
-    by_law, recording = parameter_row.shape[0] > 0, rewards.shape[0] > 0
-    parameters = load_parameters(parameter_row if by_law else np.zeros(16))
+    recording, law_for_all = rewards.shape[0] > 0, law_rows.shape[0] == 1
     scheme, task = load_scheme(scheme_row), load_task(task_row)
     rows, targets = starts[start:stop].copy(), goals[start:stop].copy()
     memories = np.zeros((count, memory_width))
@@ -147,8 +129,9 @@ def _fly_episodes(
             i = flying[j]
             episode = start + i
             place = offsets[episode] + step
-            if by_law:
-                _write_law_action(seen, i, load_goal(shown_goals, episode), parameters, actions, place)
+            if law != _RECORDED:
+                row, goal = 0 if law_for_all else episode, load_goal(shown_goals, episode)
+                write_action(law, law_rows, row, seen, i, goal, memories, scheme.time_step, actions, place)
             for k in range(width):
                 commands[i, k] = actions[place, k] / (_GUIDANCE_SCALE[k] if width == 3 else _SURFACE_SCALE[k])
             if recording:
@@ -212,7 +195,7 @@ def replay(
     count, total = len(targets), len(actions)
     flight = _Flight(scenario, targets, np.broadcast_to(np.asarray(seeds, dtype=np.int64), count), starts)
     record = _make_record(total, count)
-    lengths, _ = flight.fly(_NO_LAW, offsets, actions, record, threads)
+    lengths, _ = flight.fly(RECORDED, offsets, actions, record, threads)
     episodes = Episodes(
         scenario,
         targets,
@@ -229,44 +212,48 @@ def replay(
 def fly_law(
     scenario: Scenario,
     goals: ArrayLike,
-    parameters: PidParameters = APPENDIX_C,
+    figures: Figures = APPENDIX_C,
     *,
     seeds: ArrayLike = 0,
-    source: str = "pid",
+    source: str | None = None,
     threads: int | None = None,
     progress: Callable[[int], object] = lambda _: None,
 ) -> Flown:
-    """Fly every goal by the guidance law, as it answers to observations, and keep the flights that reach.
+    """Fly every goal by a law, as it answers to observations, and keep the flights that reach.
 
     Args:
         scenario: rules, settings, start and conditions; guidance mode.
         goals: shape (E, 3): speed in m/s, path angle and azimuth in degrees.
-        parameters: the law's figures.
+        figures: the law's parameters; or manoeuvres, shape (E, `vvc_bench.experts.manoeuvre.WIDTH`).
         seeds: one for all or shape (E,).
-        source: what the episodes are labelled with.
+        source: what the episodes are labelled with; by default the law's name.
         threads: at most so many; by default all cores. The result does not depend on them.
         progress: told how many goals have been flown since it was last told.
 
     Raises:
-        ValueError: for another control mode, or goals that are none.
+        ValueError: for another control mode, goals that are none, or not as many manoeuvres as goals.
     """
     if scenario.settings.control_mode != "guidance":
-        raise ValueError(f"the guidance law needs control_mode='guidance', got {scenario.settings.control_mode!r}")
+        raise ValueError(f"a guidance law needs control_mode='guidance', got {scenario.settings.control_mode!r}")
     targets = np.atleast_2d(checked_goals(goals))
     every_seed = np.broadcast_to(np.asarray(seeds, dtype=np.int64), len(targets))
-    law, room = np.array(parameters, dtype=np.float64), int(scenario.task.step_limit)
+    pilot, room = make_pilot(figures), int(scenario.task.step_limit)
+    if len(pilot.rows) not in (1, len(targets)):
+        raise ValueError(f"need one manoeuvre for all or one for each of {len(targets)} goals, got {len(pilot.rows)}")
     parts, events = [], []
     for first in range(0, len(targets), _BLOCK):
         block = slice(first, first + _BLOCK)
         flight = _Flight(scenario, targets[block], every_seed[block], None)
         count = len(flight.goals)
         actions = np.empty((count * room, len(GuidanceCommand._fields)), dtype=np.float32)
-        lengths, last_events = flight.fly(law, np.arange(count + 1) * room, actions, _make_record(0, 0), threads)
+        mine = pilot if len(pilot.rows) == 1 else pilot._replace(rows=pilot.rows[block])
+        lengths, last_events = flight.fly(mine, np.arange(count + 1) * room, actions, _make_record(0, 0), threads)
         reached = np.flatnonzero(last_events & int(Event.REACH_TARGET))
         flown = np.concatenate([actions[e * room : e * room + lengths[e]] for e in reached] or [actions[:0]])
         offsets = np.concatenate([[0], np.cumsum(lengths[reached])])
         kept = flight.goals[reached], flown, offsets
-        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=source, threads=threads))
+        sources = pilot.source if source is None else source
+        parts.append(replay(scenario, *kept, seeds=flight.seeds[reached], sources=sources, threads=threads))
         events.append(last_events)
         progress(count)
     return Flown(concatenate(parts), np.concatenate(events))
@@ -289,7 +276,7 @@ class _Flight(NamedTuple):
 
     def fly(
         self,
-        law: NDArray[np.float64],
+        pilot: Pilot,
         offsets: NDArray[np.int64],
         actions: NDArray[np.float32],
         record: "_Record",
@@ -302,7 +289,8 @@ class _Flight(NamedTuple):
             np.ascontiguousarray(self.starts),
             self.goals / SCALE,
             self.goals.astype(np.float32) / SCALE,
-            law,
+            int(pilot.law),
+            pilot.rows,
             scenario.condition_rows(self.seeds),
             scenario.settings.row,
             task_row(scenario.task),
