@@ -6,8 +6,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.best import CONTESTS, best_known
+from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation import PROTOCOLS, Evaluation, evaluate, named_protocol
 from vvc_bench.policies import Agent, open_agent
