@@ -9,12 +9,13 @@ from vvc_bench.metrics.response import Response, Responses, responses
 from vvc_bench.metrics.smoothness import Smoothness, action_smoothness, observation_smoothness
 from vvc_bench.metrics.statistics import Interval, Spread, spread, wilson_interval
 from vvc_bench.metrics.summary import Summary, Table1, Table12, VariableSmoothness, summary
-from vvc_bench.metrics.wear import Wear, wear
+from vvc_bench.metrics.wear import EpisodeWear, Wear, episode_wear, wear
 
 __all__ = [
     "PUBLISHED",
     "BestLengths",
     "Coverage",
+    "EpisodeWear",
     "Integrity",
     "Interval",
     "PublishedFigures",
@@ -32,6 +33,7 @@ __all__ = [
     "action_smoothness",
     "best_lengths",
     "coverage",
+    "episode_wear",
     "final_errors",
     "integrity",
     "length_ratios",

@@ -56,6 +56,30 @@ class Wear(NamedTuple):
     load: LoadWear
 
 
+class EpisodeWear(NamedTuple):
+    """Each flight on its own, by column name; arrays of shape (E,)."""
+
+    at_bounds_percent: dict[str, NDArray[np.float64]]
+    """Steps with a component of the action at or beyond either bound of the action space."""
+    travel_per_s: dict[str, NDArray[np.float64]]
+    """As in `DeflectionWear`."""
+
+
+def episode_wear(episodes: Episodes) -> EpisodeWear:
+    """What each of the flights asks of the aircraft."""
+    kind, lengths = episodes.scenario.settings.command_fields, episodes.lengths
+    first = episodes.offsets[:-1]
+    commands = {
+        name: 100.0 * np.add.reduceat(np.logical_or(*_at_bounds(kind, k, episodes.actions)), first, dtype=np.int64) / lengths
+        for k, name in enumerate(columns(kind))
+    }
+    changes = np.abs(np.diff(episodes.deflections.astype(np.float64), axis=0, prepend=0.0))
+    changes[first] = 0.0
+    seconds = lengths[:, None] * episodes.scenario.settings.time_step
+    travels = np.add.reduceat(changes, first, axis=0) / seconds
+    return EpisodeWear(commands, dict(zip(columns(SurfaceCommand), travels.T, strict=True)))
+
+
 def wear(episodes: Episodes, low_limit_g: float = _LOAD.low, high_limit_g: float = _LOAD.high) -> Wear:
     """What the flights ask of the aircraft.
 

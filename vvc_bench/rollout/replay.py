@@ -67,6 +67,36 @@ def _write_law_action(
 
 
 @entry_point
+def _law_rows(
+    seen: NDArray[np.float32],
+    shown_goals: NDArray[np.float64],
+    parameter_row: NDArray[np.float64],
+    actions: NDArray[np.float32],
+) -> None:
+    parameters = load_parameters(parameter_row)
+    for i in range(seen.shape[0]):
+        _write_law_action(seen, i, load_goal(shown_goals, i), parameters, actions, i)
+
+
+def law_actions(
+    observations: NDArray[np.float32], desired_goals: NDArray[np.float32], parameters: PidParameters = APPENDIX_C
+) -> NDArray[np.float32]:
+    """The guidance law's answer to what is seen, as `fly_law` flies it.
+
+    Args:
+        observations: shape (B, 8), as environments give them.
+        desired_goals: shape (B, 3), the same.
+        parameters: the law's figures.
+
+    Returns:
+        Shape (B, 3), in the units of the action space of guidance mode.
+    """
+    actions = np.empty((len(observations), len(GuidanceCommand._fields)), dtype=np.float32)
+    _law_rows(np.ascontiguousarray(observations), desired_goals / SCALE, np.array(parameters, dtype=np.float64), actions)
+    return actions
+
+
+@entry_point
 def _fly_episodes(
     starts: NDArray[np.float64],
     goals: NDArray[np.float64],

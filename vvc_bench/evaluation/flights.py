@@ -1,0 +1,254 @@
+"""Fly a policy, a fixed chunk of aircraft at a time, and measure every flight.
+
+The aircraft of a chunk are asked together and keep their rows until the last of them is done; a chunk that is not full
+is filled up. So what a policy computes, to the last bit, does not depend on threads or on how many chunks fly at once.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vvc_bench import metrics, sim
+from vvc_bench.envs.fleet import Fleet
+from vvc_bench.envs.sub_goals import SubGoalFleet
+from vvc_bench.evaluation import columns as names
+from vvc_bench.evaluation.protocols import Protocol
+from vvc_bench.policies import Agent
+from vvc_bench.rollout import Episodes, Policy, Scenario
+from vvc_bench.sim.episodes import REPORT
+from vvc_bench.sim.fields import Observation, State, SurfaceCommand, columns, field_array
+from vvc_bench.sim.task import Event
+from vvc_bench.tasks import termination
+
+CHUNK = 256
+"""Aircraft that a policy is asked about together."""
+
+_DEFLECTION_SCALE = field_array(SurfaceCommand, "scale")
+_AILERON = State._fields.index("aileron")
+_DEFLECTIONS = slice(_AILERON, _AILERON + len(SurfaceCommand._fields))
+_ALTITUDE = State._fields.index("altitude")
+_CLIPPED = State._fields.index("clipped_commands")
+_REWARD, _DIRECTION_ERROR, _LOAD_FACTOR = map(REPORT.index, ("reward", "direction_error_deg", "load_factor_g"))
+_REACHED = int(Event.REACH_TARGET)
+
+
+class Chunk(NamedTuple):
+    """Flights of one scenario that are flown together."""
+
+    protocol: Protocol
+    seed: int
+    condition: int
+    goals: NDArray[np.int64]
+    """Indices in the protocol, 1 to `CHUNK` of them."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """With its conditions."""
+        return self.protocol.scenarios[self.condition]
+
+
+def chunks(protocol: Protocol, seed: int) -> Iterator[Chunk]:
+    """Every flight of an evaluation with one seed, once."""
+    for condition in range(len(protocol.conditions)):
+        alike = np.arange(condition, len(protocol), len(protocol.conditions))
+        for first in range(0, len(alike), CHUNK):
+            yield Chunk(protocol, seed, condition, alike[first : first + CHUNK])
+
+
+class Flights(NamedTuple):
+    """A chunk flown: what `Episodes` hold, and what they do not."""
+
+    episodes: Episodes
+    direction_errors_deg: NDArray[np.float64]
+    minimum_altitudes_m: NDArray[np.float64]
+    clipped_commands: NDArray[np.int64]
+    sub_goals_reached: NDArray[np.int64]
+
+
+def fly_chunk(agent: Agent, chunk: Chunk) -> Flights:
+    """Fly a chunk to the end.
+
+    Raises:
+        ValueError: for actions of another shape, or NaN; names the goal and the step.
+    """
+    filled = np.concatenate([chunk.goals, np.full(CHUNK - len(chunk.goals), chunk.goals[-1])])
+    seeds = chunk.protocol.episode_seeds(chunk.seed)[filled]
+    fleet = begun_fleet(chunk, filled)
+    begun = fleet.rows.copy()
+    log = _Log(int(chunk.scenario.task.step_limit), chunk.scenario.settings.command_width)
+    policy = agent.begin(seeds)
+    count = len(chunk.goals)
+    lengths = np.zeros(count, dtype=np.int64)
+    lowest = fleet.rows[:count, _ALTITUDE].copy()
+    final = _Final(count)
+    flying = np.arange(count)
+    for step in range(log.steps):
+        actions = _asked(policy, fleet, flying, chunk, step)
+        log.observations[step], log.actions[step] = fleet.observations, actions
+        fleet.step(actions, threads=1)
+        log.note(step, fleet)
+        lengths[flying] = step + 1
+        lowest[flying] = np.minimum(lowest[flying], fleet.rows[flying, _ALTITUDE])
+        ended = flying[fleet.events[flying] != 0]
+        if ended.size:
+            final.note(ended, fleet)
+            flying = flying[fleet.events[flying] == 0]
+            if not flying.size:
+                break
+    episodes = _episodes(chunk, seeds[:count], begun[:count], log, lengths, final.observations)
+    return Flights(episodes, final.direction_errors_deg, lowest, final.clipped, final.reached)
+
+
+def begun_fleet(chunk: Chunk, goals: NDArray[np.int64]) -> Fleet:
+    """Aircraft at the start of some of a chunk's flights."""
+    protocol, scenario, count = chunk.protocol, chunk.scenario, len(goals)
+    conditions = scenario.condition_rows(protocol.episode_seeds(chunk.seed)[goals])
+    targets = protocol.goals[goals]
+    fleet = Fleet(count, scenario.task, scenario.settings, targets, scenario.start, conditions)
+    if protocol.starts is None:
+        fleet.begin(np.arange(count), targets)
+        return fleet
+    altitudes, speeds, headings = protocol.starts[goals].T
+    starts = sim.start(
+        scenario.settings,
+        altitude_m=altitudes,
+        speed_mps=speeds,
+        heading_deg=headings,
+        conditions=np.broadcast_to(conditions, (count, conditions.shape[1])),
+    )
+    fleet = SubGoalFleet(fleet, protocol.sub_goals)
+    fleet.begin(np.arange(count), states=starts)
+    return fleet
+
+
+def seen(fleet: Fleet) -> dict[str, NDArray[np.float32]]:
+    """What is observed, in arrays that a policy may do with what it likes."""
+    return {
+        "observation": fleet.observations.copy(),
+        "achieved_goal": fleet.achieved.copy(),
+        "desired_goal": fleet.desired.copy(),
+    }
+
+
+def _asked(policy: Policy, fleet: Fleet, flying: NDArray[np.int64], chunk: Chunk, step: int) -> NDArray[np.float32]:
+    """The policy's actions for all rows; zero for those that do not fly."""
+    answer = np.asarray(policy(seen(fleet)))
+    kind = chunk.scenario.settings.command_fields
+    if answer.shape != fleet.commands.shape:
+        raise ValueError(
+            f"the policy must answer with actions of shape {fleet.commands.shape}: {', '.join(columns(kind))}; at step "
+            f"{step} of goals {chunk.goals[0]} to {chunk.goals[-1]} it gave shape {answer.shape}"
+        )
+    actions = np.zeros(answer.shape, dtype=np.float32)
+    actions[flying] = answer[flying]
+    if np.isnan(actions).any():
+        row, component = np.argwhere(np.isnan(actions))[0]
+        place = chunk.goals[row]
+        goal = ", ".join(f"{value:g}" for value in chunk.protocol.goals[place])
+        raise ValueError(
+            f"the policy's {list(columns(kind))[component]} is NaN at step {step} of goal {place} ({goal}); "
+            "actions must be numbers"
+        )
+    return actions
+
+
+class _Log:
+    """What happened in each step, in arrays of shape (steps, CHUNK, …)."""
+
+    def __init__(self, steps: int, width: int) -> None:
+        self.steps = steps
+        self.observations = np.empty((steps, CHUNK, len(Observation._fields)), dtype=np.float32)
+        self.actions = np.empty((steps, CHUNK, width), dtype=np.float32)
+        self.rewards = np.empty((steps, CHUNK), dtype=np.float32)
+        self.events = np.empty((steps, CHUNK), dtype=np.uint8)
+        self.deflections = np.empty((steps, CHUNK, len(SurfaceCommand._fields)), dtype=np.float32)
+        self.load_factors = np.empty((steps, CHUNK), dtype=np.float32)
+
+    def note(self, step: int, fleet: Fleet) -> None:
+        self.rewards[step] = fleet.report[:, _REWARD]
+        self.events[step] = fleet.events
+        self.deflections[step] = fleet.rows[:, _DEFLECTIONS] * _DEFLECTION_SCALE
+        self.load_factors[step] = fleet.report[:, _LOAD_FACTOR]
+
+
+class _Final:
+    """What was the case in the step that ended each flight."""
+
+    def __init__(self, count: int) -> None:
+        self.observations = np.zeros((count, len(Observation._fields)), dtype=np.float32)
+        self.direction_errors_deg = np.zeros(count)
+        self.clipped = np.zeros(count, dtype=np.int64)
+        self.reached = np.zeros(count, dtype=np.int64)
+
+    def note(self, ended: NDArray[np.int64], fleet: Fleet) -> None:
+        self.observations[ended] = fleet.observations[ended]
+        self.direction_errors_deg[ended] = fleet.report[ended, _DIRECTION_ERROR]
+        self.clipped[ended] = fleet.rows[ended, _CLIPPED]
+        single = (fleet.events & _REACHED) != 0
+        self.reached[ended] = (fleet.reached if isinstance(fleet, SubGoalFleet) else single)[ended]
+
+
+def _episodes(
+    chunk: Chunk,
+    seeds: NDArray[np.int64],
+    starts: NDArray[np.float64],
+    log: _Log,
+    lengths: NDArray[np.int64],
+    final_observations: NDArray[np.float32],
+) -> Episodes:
+    """One flight after another."""
+    longest = int(lengths.max())
+    flown = np.arange(longest) < lengths[:, None]
+
+    def in_turn(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        return values[:longest, : len(lengths)].swapaxes(0, 1)[flown]
+
+    transitions = ("observations", "actions", "rewards", "events", "deflections", "load_factors")
+    return Episodes(
+        chunk.scenario,
+        chunk.protocol.goals[chunk.goals],
+        seeds,
+        np.full(len(lengths), "policy"),
+        starts,
+        np.concatenate([[0], np.cumsum(lengths)]),
+        final_observations=final_observations,
+        **{name: in_turn(getattr(log, name)) for name in transitions},  # type: ignore[arg-type]
+    )
+
+
+def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -> dict[str, NDArray[np.generic]]:
+    """Every column of `columns.episode_columns` for the flights of a chunk."""
+    episodes = flights.episodes
+    count = len(episodes)
+    errors = metrics.final_errors(episodes)
+    endings = [termination(chunk.scenario.task, int(events)) for events in episodes.final_events]
+    table: dict[str, NDArray[np.generic]] = {
+        names.SEED: np.full(count, chunk.seed),
+        names.GOAL: chunk.goals,
+        names.CONDITION: np.full(count, chunk.condition),
+        **dict(zip(names.GOAL_OF_EPISODE, episodes.goals.T, strict=True)),
+        names.SUCCESS: episodes.reached,
+        names.TERMINATION: np.array(endings, dtype=np.str_),
+        names.LENGTH: episodes.lengths,
+        names.RETURN: metrics.returns(episodes),
+        **dict(zip(names.ERRORS, (*errors.T, flights.direction_errors_deg), strict=True)),
+        names.MINIMUM_ALTITUDE: flights.minimum_altitudes_m,
+        names.MAXIMUM_LOAD: np.maximum.reduceat(episodes.load_factors, episodes.offsets[:-1]).astype(np.float64),
+        names.CLIPPED: flights.clipped_commands,
+        names.SUB_GOALS_REACHED: flights.sub_goals_reached,
+        names.TIME_RATIO: np.full(count, np.nan) if best is None else metrics.length_ratios(episodes, best),
+    }
+    return table | _wear_and_smoothness(episodes)
+
+
+def _wear_and_smoothness(episodes: Episodes) -> dict[str, NDArray[np.generic]]:
+    worn = metrics.episode_wear(episodes)
+    smooth = metrics.action_smoothness(episodes)
+    return (
+        {names.at_bounds(name): values for name, values in worn.at_bounds_percent.items()}
+        | {names.travel(name): values for name, values in worn.travel_per_s.items()}
+        | {names.smoothness("s1", name): smooth.s1[:, k] for k, name in enumerate(smooth.columns)}
+        | {names.smoothness("s2", name): smooth.s2[:, k] for k, name in enumerate(smooth.columns)}
+    )

@@ -1,0 +1,64 @@
+"""Policies that come with the package: the guidance law, and chance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vvc_bench import sim
+from vvc_bench.envs.options import make_spaces
+from vvc_bench.experts.pid import APPENDIX_C, TABLE_1, WEIGHT_COMPENSATED, PidParameters
+from vvc_bench.rollout import Policy
+from vvc_bench.rollout.replay import law_actions
+
+LAWS = {"pid": APPENDIX_C, "pid-table-1": TABLE_1, "pid-compensated": WEIGHT_COMPENSATED}
+"""The guidance law's figures by the policy's name."""
+RANDOM = "random"
+
+_DRAWN_AHEAD = 64
+"""Steps whose actions an aircraft draws at once: one at a time is slow."""
+
+
+@dataclass(frozen=True)
+class LawAgent:
+    """The guidance law of Appendix C, as it answers to observations: the flights are those of `fly_law`."""
+
+    name: str
+    parameters: PidParameters
+
+    def begin(self, _seeds: NDArray[np.int64]) -> Policy:
+        """The law has no memory and draws nothing."""
+        return lambda observed: law_actions(observed["observation"], observed["desired_goal"], self.parameters)
+
+    def describe(self) -> dict[str, str | None]:
+        """A name stands for its figures."""
+        return {"kind": "built-in", "name": self.name, "sha256": None}
+
+
+@dataclass(frozen=True)
+class RandomAgent:
+    """Actions uniform in the action space; what an aircraft draws depends on its own seed alone."""
+
+    settings: sim.Settings
+    name: str = RANDOM
+
+    def begin(self, seeds: NDArray[np.int64]) -> Policy:
+        """A generator for each aircraft."""
+        space = make_spaces(self.settings).action
+        generators = [np.random.default_rng(seed) for seed in seeds]
+        shape, drawn = (_DRAWN_AHEAD, *space.shape), iter(())
+
+        def policy(_observed: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+            nonlocal drawn
+            actions = next(drawn, None)
+            if actions is None:
+                shares = np.stack([generator.random(shape, dtype=np.float32) for generator in generators], axis=1)
+                drawn = iter(space.low + (space.high - space.low) * shares)
+                actions = next(drawn)
+            return actions
+
+        return policy
+
+    def describe(self) -> dict[str, str | None]:
+        """It is its name."""
+        return {"kind": "built-in", "name": self.name, "sha256": None}
