@@ -49,10 +49,10 @@ class DemonstratedPolicy(MultiInputActorCriticPolicy):  # type: ignore[misc]  # 
         mine = self.get_distribution(obs).distribution
         return torch.distributions.kl_divergence(shown, mine).mean(dim=1)
 
+    @property
     def actor_parameters(self) -> list[nn.Parameter]:
         """What decides on actions: all but the critic's."""
-        actor = [*self.mlp_extractor.policy_net.parameters(), *self.action_net.parameters(), self.log_std]
-        return [parameter for parameter in actor if isinstance(parameter, nn.Parameter)]
+        return [*self.mlp_extractor.policy_net.parameters(), *self.action_net.parameters(), self.log_std]
 
 
 def make_policy(
@@ -60,6 +60,8 @@ def make_policy(
     action_space: spaces.Box,
     hidden: Sequence[int],
     learning_rate: Callable[[float], float],
+    *,
+    entropy_weight: float = 0.0,
 ) -> DemonstratedPolicy:
     """A policy with untrained networks.
 
@@ -68,8 +70,11 @@ def make_policy(
         action_space: ±1 for each component.
         hidden: widths of the hidden layers, of the actor and the critic each.
         learning_rate: of the remaining share of the training.
+        entropy_weight: what the entropy is multiplied with where a learner asks for it.
     """
-    return DemonstratedPolicy(observation_space, action_space, learning_rate, **network(hidden))
+    return DemonstratedPolicy(
+        observation_space, action_space, learning_rate, entropy_weight=entropy_weight, **network(hidden)
+    )
 
 
 def network(hidden: Sequence[int]) -> dict[str, Any]:

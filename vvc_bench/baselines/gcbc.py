@@ -1,6 +1,6 @@
 """Goal-conditioned behavioural cloning, by imitation's ``BC``."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,14 +8,18 @@ import torch
 from gymnasium import spaces
 from imitation.algorithms.bc import BC
 from imitation.data.types import DictObs
-from imitation.util.logger import HierarchicalLogger, configure
+from imitation.util.logger import HierarchicalLogger
 from numpy.typing import NDArray
+from stable_baselines3.common.logger import Logger
 
 from vvc_bench.baselines.actors import DemonstratedPolicy, make_policy
 from vvc_bench.baselines.configurations import CloningConfiguration
 from vvc_bench.baselines.unit_actions import to_unit, unit_box
 from vvc_bench.datasets.transitions import Transitions, dictionary
 from vvc_bench.envs.options import Spaces
+
+_JUDGED = 65_536
+"""Transitions that a loss is measured on, at most."""
 
 
 class Batches:
@@ -26,7 +30,7 @@ class Batches:
     Args:
         transitions: what is cloned.
         bounds: of the actions, which are scaled to ±1.
-        batch_size: what is left of an epoch after whole batches is passed over, as it does.
+        batch_size: what is left of an epoch after whole batches is passed over.
         generator: shuffles.
 
     Raises:
@@ -49,62 +53,98 @@ class Batches:
     def __iter__(self) -> Iterator[dict[str, Any]]:
         order = self._generator.permutation(len(self._actions))
         for k in range(len(self)):
-            yield self._take(order[k * self._batch_size : (k + 1) * self._batch_size])
+            yield self.take(order[k * self._batch_size : (k + 1) * self._batch_size])
 
-    def _take(self, rows: NDArray[np.int64]) -> dict[str, Any]:
-        seen = {name: values[rows] for name, values in self._observations.items()}
-        return {"obs": DictObs(seen), "acts": self._actions[rows]}
+    def take(self, rows: NDArray[np.int64]) -> dict[str, Any]:
+        """Some transitions."""
+        seen = {name: torch.from_numpy(values[rows]) for name, values in self._observations.items()}
+        return {"obs": DictObs(seen), "acts": torch.from_numpy(self._actions[rows])}
+
+    def spread(self, count: int) -> dict[str, Any]:
+        """So many transitions at most, evenly spread over all, always the same."""
+        rows = np.linspace(0, len(self._actions) - 1, min(count, len(self._actions))).astype(np.int64)
+        return self.take(rows)
 
 
-def clone(
-    transitions: Transitions,
-    where: Spaces,
-    configuration: CloningConfiguration,
-    seed: int,
-    *,
-    epochs: int | None = None,
-    logger: HierarchicalLogger | None = None,
-    on_epoch: Callable[[int, DemonstratedPolicy], object] = lambda _epoch, _policy: None,
-) -> DemonstratedPolicy:
-    """Train a policy to do as demonstrated.
+class Cloning:
+    """A policy that learns to do as demonstrated, an epoch at a time.
+
+    What it is after an epoch follows from its arguments, also if it was stopped and restored in between.
 
     Args:
-        transitions: what is demonstrated.
+        training: what is demonstrated.
+        validation: what losses are measured on besides; None for none.
         where: the environment's spaces.
         configuration: how.
         seed: of weights and batches.
-        epochs: how many, in place of the configuration's.
-        logger: where losses go; nowhere by default.
-        on_epoch: told after each epoch, how many there were and the policy.
 
     Raises:
         ValueError: for fewer transitions than a batch.
     """
-    assert isinstance(where.action, spaces.Box)
-    torch.manual_seed(seed)
-    policy = make_policy(where.observation, unit_box(where.action), configuration.hidden, lambda _: 0.0)
-    generator = np.random.default_rng(seed)
-    learner = BC(
-        observation_space=where.observation,
-        action_space=unit_box(where.action),
-        rng=generator,
-        policy=policy,
-        demonstrations=Batches(transitions, where.action, configuration.batch_size, generator),
-        batch_size=configuration.batch_size,
-        optimizer_kwargs={"lr": configuration.learning_rate},
-        ent_weight=configuration.entropy_weight,
-        l2_weight=configuration.l2_weight,
-        device="cpu",
-        custom_logger=logger or configure(None, []),
-    )
-    policy.entropy_weight = 1.0  # imitation weighs the entropy itself
-    done = 0
 
-    def count() -> None:
-        nonlocal done
-        done += 1
-        on_epoch(done, policy)
+    unit = "epochs"
 
-    learner.train(n_epochs=epochs or configuration.epochs, on_epoch_end=count, progress_bar=False)
-    policy.entropy_weight = 0.0
-    return policy
+    def __init__(
+        self,
+        training: Transitions,
+        validation: Transitions | None,
+        where: Spaces,
+        configuration: CloningConfiguration,
+        seed: int,
+    ) -> None:
+        assert isinstance(where.action, spaces.Box)
+        torch.manual_seed(seed)
+        self._generator = np.random.default_rng(seed)
+        batches = Batches(training, where.action, configuration.batch_size, self._generator)
+        self._judged = {"training": batches.spread(_JUDGED)}
+        if validation is not None and len(validation.rewards):
+            self._judged["validation"] = Batches(validation, where.action, 1, self._generator).spread(_JUDGED)
+        self.done = 0
+        self.policy: DemonstratedPolicy = make_policy(
+            where.observation, unit_box(where.action), configuration.hidden, lambda _: 0.0, entropy_weight=1.0
+        )  # imitation weighs the entropy itself
+        self._learner = BC(
+            observation_space=where.observation,
+            action_space=unit_box(where.action),
+            rng=self._generator,
+            policy=self.policy,
+            demonstrations=batches,
+            batch_size=configuration.batch_size,
+            optimizer_kwargs={"lr": configuration.learning_rate},
+            ent_weight=configuration.entropy_weight,
+            l2_weight=configuration.l2_weight,
+            device="cpu",
+            custom_logger=HierarchicalLogger(Logger(None, []), []),
+        )
+
+    def advance(self, logger: Logger) -> None:
+        """Learn for an epoch."""
+        self._learner.train(n_epochs=1, progress_bar=False)
+        self.done += 1
+        for name, loss in self.losses().items():
+            logger.record(f"loss/{name}", loss)
+        logger.dump(self.done)
+
+    def losses(self) -> dict[str, float]:
+        """What imitation minimises, on a part of the transitions to train and to validate with."""
+        with torch.no_grad():
+            return {
+                name: float(self._learner.loss_calculator(self.policy, batch["obs"], batch["acts"]).loss)
+                for name, batch in self._judged.items()
+            }
+
+    def state(self) -> dict[str, Any]:
+        """All that learning goes on from."""
+        return {
+            "done": self.done,
+            "policy": self.policy.state_dict(),
+            "optimizer": self._learner.optimizer.state_dict(),
+            "generator": self._generator.bit_generator.state,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a state."""
+        self.done = state["done"]
+        self.policy.load_state_dict(state["policy"])
+        self._learner.optimizer.load_state_dict(state["optimizer"])
+        self._generator.bit_generator.state = state["generator"]

@@ -7,13 +7,17 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.configurations import SacConfiguration
 from vvc_bench.baselines.features import RelativeFeatures
+from vvc_bench.baselines.reinforcement import Reinforcement
+
+_SLICE = 500
+"""Steps of each environment between two looks at the time."""
 
 
-def make_sac(environments: VecEnv, configuration: SacConfiguration, seed: int) -> SAC:
-    """A learner that has not learned yet.
+class SoftActorCritic(Reinforcement):
+    """A policy that SAC learns, 500 steps of each environment at a time.
 
     Args:
-        environments: with actions of ±1 (`vvc_bench.baselines.unit_actions.UnitActions`); for hindsight a task whose
+        environments: with actions of ±1 (`vvc_bench.baselines.unit_actions.UnitActions`); for hindsight on a task whose
             rewards follow from goals: ``reward="sparse"``, ``reach_steps=1``.
         configuration: how; as many environments as it says.
         seed: of weights, batches and exploration.
@@ -21,22 +25,21 @@ def make_sac(environments: VecEnv, configuration: SacConfiguration, seed: int) -
     Raises:
         ValueError: for another number of environments.
     """
-    if environments.num_envs != configuration.environments:
-        raise ValueError(
-            f"the configuration is for {configuration.environments} environments, got {environments.num_envs}"
+
+    def __init__(self, environments: VecEnv, configuration: SacConfiguration, seed: int) -> None:
+        replay: dict[str, Any] = {"replay_buffer_class": HerReplayBuffer} if configuration.hindsight else {}
+        algorithm = SAC(
+            "MultiInputPolicy",
+            environments,
+            learning_rate=configuration.learning_rate,
+            buffer_size=configuration.buffer_size,
+            learning_starts=configuration.learning_starts,
+            batch_size=configuration.batch_size,
+            gamma=configuration.discount,
+            gradient_steps=configuration.gradient_steps,
+            policy_kwargs={"features_extractor_class": RelativeFeatures, "net_arch": list(configuration.hidden)},
+            seed=seed,
+            device="cpu",
+            **replay,
         )
-    replay: dict[str, Any] = {"replay_buffer_class": HerReplayBuffer} if configuration.hindsight else {}
-    return SAC(
-        "MultiInputPolicy",
-        environments,
-        learning_rate=configuration.learning_rate,
-        buffer_size=configuration.buffer_size,
-        learning_starts=configuration.learning_starts,
-        batch_size=configuration.batch_size,
-        gamma=configuration.discount,
-        gradient_steps=configuration.gradient_steps,
-        policy_kwargs={"features_extractor_class": RelativeFeatures, "net_arch": list(configuration.hidden)},
-        seed=seed,
-        device="cpu",
-        **replay,
-    )
+        super().__init__(algorithm, configuration.environments, _SLICE)

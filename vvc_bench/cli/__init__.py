@@ -19,6 +19,7 @@ INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 COMMANDS = {
     "fly": "fly one flight to a goal and write it to files",
     "datasets": "make, fetch, measure and check demonstration sets",
+    "train": "train a baseline, or go on with a training",
 }
 """Name, also that of the module in this package, and what it does."""
 
