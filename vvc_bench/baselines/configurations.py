@@ -9,7 +9,7 @@ files are known to differ, a comment says so. The other names are ours.
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 HIDDEN = (128, 128)
 """Widths of the hidden layers, of policy and value function each; Tanh between them."""
@@ -72,6 +72,7 @@ class SacConfiguration(NamedTuple):
 
 
 Configuration: TypeAlias = CloningConfiguration | PpoConfiguration | SacConfiguration
+Chosen = TypeVar("Chosen", CloningConfiguration, PpoConfiguration, SacConfiguration)
 
 GCBC_RELEASED = CloningConfiguration()
 GCBC_SMALL = CloningConfiguration(epochs=20, batch_size=1024)
@@ -119,7 +120,7 @@ CONFIGURATIONS: Mapping[str, Mapping[str, Configuration]] = MappingProxyType(
 
 
 class StagedConfiguration(NamedTuple):
-    """GCBC and then PPO, once or, for IRPO, again and again; what is cloned has the networks of the PPO that follows."""
+    """GCBC and then PPO, once or, for IRPO, again and again; cloned are networks as those of the PPO that follows."""
 
     cloning: CloningConfiguration
     improving: tuple[PpoConfiguration, ...]
@@ -156,7 +157,7 @@ STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
 """By algorithm and name: those that begin with GCBC."""
 
 
-def with_amount(configuration: Configuration, amount: int) -> Configuration:
+def with_amount(configuration: Chosen, amount: int) -> Chosen:
     """The same for so many epochs or steps; a warm-up keeps its share.
 
     Raises:

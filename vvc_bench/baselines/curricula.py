@@ -1,8 +1,8 @@
 """Curricula: goals drawn from where the aircraft has already been, in place of the task's box.
 
-Each is a `vvc_bench.goals.GoalDistribution`, so that any environment takes it as ``goals``; whoever trains tells it what
-is achieved (`Curriculum.observe`). The three differ in which of the achieved goals they prefer, as Pitis et al. (2020,
-"Maximum Entropy Gain Exploration for Long Horizon Multi-goal Reinforcement Learning") set them side by side:
+Each is a `vvc_bench.goals.GoalDistribution`, so that any environment takes it as ``goals``; whoever trains tells it
+what is achieved (`Curriculum.observe`). The three differ in which of the achieved goals they prefer, as they stand side
+by side in Pitis et al. (2020), "Maximum Entropy Gain Exploration for Long Horizon Multi-goal Reinforcement Learning":
 
 - `Rig`: goals from the density of what was achieved. Nair et al. (2018) fit an autoencoder to images for that; three
   numbers take a kernel density estimate.

@@ -4,7 +4,8 @@ Part of the policy, so that a policy takes the environments' observations as the
 """
 
 import math
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from gymnasium import spaces
@@ -46,13 +47,14 @@ class RelativeFeatures(BaseFeaturesExtractor):  # type: ignore[misc]  # whose ty
             The name of the features.
         """
         goal, seen = len(Goal._fields), len(Observation._fields)
-        columns = [_Column(graph, graph.column(name, k)) for k in range(goal + goal + seen)]
+        columns: list[Any] = [_Column(graph, graph.column(name, k)) for k in range(goal + goal + seen)]
         features = _relative(Observation(*columns[2 * goal :]), Goal(*columns[goal : 2 * goal]))
         joined: str = graph.add("Concat", *(feature.name for feature in features), axis=1)
         return joined
 
 
-class _Column(NamedTuple):
+@dataclass(frozen=True)
+class _Column:
     """A value in a graph, shape (B, 1), that is reckoned with as with a tensor."""
 
     graph: Any
@@ -62,13 +64,13 @@ class _Column(NamedTuple):
         names = [other.name if isinstance(other, _Column) else self.graph.constant([other]) for other in others]
         return _Column(self.graph, self.graph.add(operator, self.name, *names))
 
-    def __add__(self, other: Any) -> "_Column":  # type: ignore[override]  # no longer a tuple's
+    def __add__(self, other: Any) -> "_Column":
         return self._with("Add", other)
 
     def __sub__(self, other: Any) -> "_Column":
         return self._with("Sub", other)
 
-    def __mul__(self, other: Any) -> "_Column":  # type: ignore[override]
+    def __mul__(self, other: Any) -> "_Column":
         return self._with("Mul", other)
 
     def __truediv__(self, other: Any) -> "_Column":
@@ -85,7 +87,7 @@ class _Column(NamedTuple):
 
 
 def _relative(seen: Any, goal: Any) -> list[Any]:
-    """The features of an `Observation` and a `Goal` in outside units, whose values are tensors or columns of a graph."""
+    """The features of an `Observation` and a `Goal` in outside units, of tensors or of columns of a graph."""
     roll, pitch, yaw, path, azimuth = (
         angle * _DEGREE for angle in (seen.roll, seen.pitch, seen.yaw, seen.path_angle, seen.azimuth)
     )

@@ -1,6 +1,5 @@
 """The baselines by name: from a task, a set of demonstrations and a configuration to a trained policy in a folder."""
 
-import functools
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from vvc_bench.baselines.curricula import CURRICULA
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.ppo import Improving
 from vvc_bench.baselines.sac import SoftActorCritic
-from vvc_bench.baselines.training import Learner, Plan, Progress, train, weights, weights_sha256
+from vvc_bench.baselines.training import Learner, Plan, train, weights, weights_sha256
 from vvc_bench.baselines.unit_actions import UnitActions, unit_box
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.progress import progress_line
@@ -39,6 +38,10 @@ GCBC, PPO = "gcbc", "ppo"
 
 _HINDSIGHT = {"reward": "sparse", "reach_steps": 1}
 """Of the task that hindsight learns on: what a pair of goals is worth then follows from them alone."""
+
+
+def _silent(label: str, unit: str) -> AbstractContextManager[Callable[[int, int], None]]:
+    return progress_line(label, unit, shown=False)
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class Setting:
     evaluations: int = 10
     threads: int = 1
     between: float = 120.0
-    progress: Callable[[str, str], AbstractContextManager[Progress]] = functools.partial(progress_line, shown=False)
+    progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = _silent
 
     def run(self, plan: Plan, folder: Path, make_learner: Callable[[], Learner], unit: str) -> dict[str, Any]:
         """Train with a line that says how far it has come."""

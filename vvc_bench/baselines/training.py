@@ -170,8 +170,8 @@ def begin(plan: Plan, folder: Path) -> dict[str, Any]:
         for key, value in plan.to_json().items():
             if document["plan"].get(key) != value:
                 raise ValueError(
-                    f"{folder} holds a training with {key} {document['plan'].get(key)!r}, not {value!r}: choose another "
-                    "folder, or train with the same options to go on with it"
+                    f"{folder} holds a training with {key} {document['plan'].get(key)!r}, not {value!r}: choose "
+                    "another folder, or train with the same options to go on with it"
                 )
         return document
     if folder.is_dir() and any(folder.iterdir()):

@@ -20,6 +20,7 @@ COMMANDS = {
     "fly": "fly one flight to a goal and write it to files",
     "datasets": "make, fetch, measure and check demonstration sets",
     "train": "train a baseline, or go on with a training",
+    "evaluate": "fly policies to every goal of a protocol and keep the results",
 }
 """Name, also that of the module in this package, and what it does."""
 

@@ -29,7 +29,7 @@ EPISODES, SUMMARY, TIMING = "episodes.parquet", "summary.json", "timing.json"
 
 _LATENCY_CALLS, _LATENCY_WARM_UP = 300, 30
 
-Rows = dict[str, NDArray[np.generic]]
+Rows = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,9 @@ class Evaluation:
         place = Path(folder)
         others = sorted(path.name for path in place.iterdir() if path.name not in _FILES) if place.is_dir() else []
         if others:
-            raise FileExistsError(f"{place} holds other things ({others[0]}); it is left as it is: choose another place")
+            raise FileExistsError(
+                f"{place} holds other things ({others[0]}); it is left as it is: choose another place"
+            )
         with replaced_folder(place, SUMMARY) as unfinished:
             _write_episodes(self.episodes, unfinished / EPISODES)
             (unfinished / SUMMARY).write_text(_text(self.summary), encoding="utf-8")

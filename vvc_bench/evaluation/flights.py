@@ -1,11 +1,12 @@
 """Fly a policy, a fixed chunk of aircraft at a time, and measure every flight.
 
-The aircraft of a chunk are asked together and keep their rows until the last of them is done; a chunk that is not full
-is filled up. So what a policy computes, to the last bit, does not depend on threads or on how many chunks fly at once.
+The aircraft of a chunk are asked together and keep their rows until the last of them is done; those that are done begin
+anew and idle, and a chunk that is not full is filled up. So what a policy computes, to the last bit, does not depend on
+threads or on how many chunks fly at once.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,12 +92,12 @@ def fly_chunk(agent: Agent, chunk: Chunk) -> Flights:
         log.note(step, fleet)
         lengths[flying] = step + 1
         lowest[flying] = np.minimum(lowest[flying], fleet.rows[flying, _ALTITUDE])
-        ended = flying[fleet.events[flying] != 0]
-        if ended.size:
-            final.note(ended, fleet)
-            flying = flying[fleet.events[flying] == 0]
-            if not flying.size:
-                break
+        final.note(flying[fleet.events[flying] != 0], fleet)
+        flying = flying[fleet.events[flying] == 0]
+        if not flying.size:
+            break
+        over = np.flatnonzero(fleet.events)
+        _begin(fleet, over, chunk.protocol.goals[filled[over]], begun[over])
     episodes = _episodes(chunk, seeds[:count], begun[:count], log, lengths, final.observations)
     return Flights(episodes, final.direction_errors_deg, lowest, final.clipped, final.reached)
 
@@ -119,8 +120,13 @@ def begun_fleet(chunk: Chunk, goals: NDArray[np.int64]) -> Fleet:
         conditions=np.broadcast_to(conditions, (count, conditions.shape[1])),
     )
     fleet = SubGoalFleet(fleet, protocol.sub_goals)
-    fleet.begin(np.arange(count), states=starts)
+    _begin(fleet, np.arange(count), targets, starts)
     return fleet
+
+
+def _begin(fleet: Fleet, rows: NDArray[np.int64], goals: NDArray[np.float64], starts: NDArray[np.float64]) -> None:
+    """Begin episodes; sub-goals are the fleet's own."""
+    fleet.begin(rows, None if isinstance(fleet, SubGoalFleet) else goals, starts)
 
 
 def seen(fleet: Fleet) -> dict[str, NDArray[np.float32]]:
@@ -202,7 +208,7 @@ def _episodes(
     longest = int(lengths.max())
     flown = np.arange(longest) < lengths[:, None]
 
-    def in_turn(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    def in_turn(values: NDArray[Any]) -> NDArray[Any]:
         return values[:longest, : len(lengths)].swapaxes(0, 1)[flown]
 
     transitions = ("observations", "actions", "rewards", "events", "deflections", "load_factors")
@@ -214,17 +220,17 @@ def _episodes(
         starts,
         np.concatenate([[0], np.cumsum(lengths)]),
         final_observations=final_observations,
-        **{name: in_turn(getattr(log, name)) for name in transitions},  # type: ignore[arg-type]
+        **{name: in_turn(getattr(log, name)) for name in transitions},
     )
 
 
-def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -> dict[str, NDArray[np.generic]]:
+def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -> dict[str, NDArray[Any]]:
     """Every column of `columns.episode_columns` for the flights of a chunk."""
     episodes = flights.episodes
     count = len(episodes)
     errors = metrics.final_errors(episodes)
     endings = [termination(chunk.scenario.task, int(events)) for events in episodes.final_events]
-    table: dict[str, NDArray[np.generic]] = {
+    table: dict[str, NDArray[Any]] = {
         names.SEED: np.full(count, chunk.seed),
         names.GOAL: chunk.goals,
         names.CONDITION: np.full(count, chunk.condition),
@@ -243,7 +249,7 @@ def measured(flights: Flights, chunk: Chunk, best: metrics.BestLengths | None) -
     return table | _wear_and_smoothness(episodes)
 
 
-def _wear_and_smoothness(episodes: Episodes) -> dict[str, NDArray[np.generic]]:
+def _wear_and_smoothness(episodes: Episodes) -> dict[str, NDArray[Any]]:
     worn = metrics.episode_wear(episodes)
     smooth = metrics.action_smoothness(episodes)
     return (

@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ _SEED_BITS = 53
 _HELD_OUT = "held-out"
 
 
-class Drawn(NamedTuple):
+@dataclass(frozen=True)
+class Drawn:
     """Points uniform in a box; those of the same entropy lie alike in each box."""
 
     low: Triple
@@ -49,7 +50,7 @@ class Drawn(NamedTuple):
         """Shape (count, 3), rounded to float32, as which goals are seen and stored."""
         generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.entropy)))
         low, high = np.array(self.low), np.array(self.high)
-        drawn = low + (high - low) * generator.random((self.count, 3))
+        drawn: NDArray[np.float64] = low + (high - low) * generator.random((self.count, 3))
         return drawn.astype(np.float32).astype(np.float64)
 
     @property
@@ -170,7 +171,7 @@ def held_out(protocol: Protocol, submission_sha256: str, announced_seed: int) ->
         low, high = drawn.goals.min(axis=0).tolist(), drawn.goals.max(axis=0).tolist()
         drawn = Drawn((low[0], low[1], low[2]), (high[0], high[1], high[2]), _LARGE, entropy)
     else:
-        drawn = drawn._replace(entropy=entropy)
+        drawn = dataclasses.replace(drawn, entropy=entropy)
     name = f"{protocol.name}-{_HELD_OUT}-{digest.hex()[:8]}-{announced_seed}"
     return dataclasses.replace(protocol, name=name, drawn=drawn)
 
@@ -208,7 +209,9 @@ def _held_for(steps: int) -> Protocol:
     """The paper's non-Markovian variants: inside the bands for so many steps."""
     scenario = dataclasses.replace(_HARD, task=make_task(_HARD.task, reach_steps=steps))
     plural = "steps in a row" if steps > 1 else "step"
-    return Protocol(f"hard-nmr{steps}-1k-v0", f"reached after {steps} {plural} in the bands", scenario, _box("hard", _TEST))
+    return Protocol(
+        f"hard-nmr{steps}-1k-v0", f"reached after {steps} {plural} in the bands", scenario, _box("hard", _TEST)
+    )
 
 
 def _conditions(**values: float) -> Conditions:
@@ -226,11 +229,20 @@ _WINDS = tuple({"wind_north_mps": _WIND_MPS * north, "wind_east_mps": _WIND_MPS 
 _EVERYTHING = {"gust_intensity_mps": _GUST_MPS, "delay_steps": 1.0, "sensor_noise": 1.0} | _ACTUATOR
 
 _DISTURBED: dict[str, tuple[str, tuple[Conditions, ...]]] = {
-    "wind": ("steady wind of 10 m/s, in turn to the north, east, south and west", tuple(_conditions(**w) for w in _WINDS)),
+    "wind": (
+        "steady wind of 10 m/s, in turn to the north, east, south and west",
+        tuple(_conditions(**w) for w in _WINDS),
+    ),
     "gusts": ("Dryden gusts of 3 m/s (rms)", (_conditions(gust_intensity_mps=_GUST_MPS),)),
-    "density": ("air 15 % denser and thinner in turn", tuple(_conditions(density_offset=x) for x in (_OFFSET, -_OFFSET))),
+    "density": (
+        "air 15 % denser and thinner in turn",
+        tuple(_conditions(density_offset=x) for x in (_OFFSET, -_OFFSET)),
+    ),
     "mass": ("mass 15 % larger and smaller in turn", tuple(_conditions(mass_offset=x) for x in (_OFFSET, -_OFFSET))),
-    "actuator": ("surfaces lag by 0.05 s and move by 60 deg/s at most, the engine lags by 1 s", (_conditions(**_ACTUATOR),)),
+    "actuator": (
+        "surfaces lag by 0.05 s and move by 60 deg/s at most, the engine lags by 1 s",
+        (_conditions(**_ACTUATOR),),
+    ),
     "delay": ("commands take effect 1 and 2 steps late in turn", tuple(_conditions(delay_steps=x) for x in (1.0, 2.0))),
     "noise": ("sensor noise", (_conditions(sensor_noise=1.0),)),
     "all": (

@@ -70,7 +70,9 @@ def episode_wear(episodes: Episodes) -> EpisodeWear:
     kind, lengths = episodes.scenario.settings.command_fields, episodes.lengths
     first = episodes.offsets[:-1]
     commands = {
-        name: 100.0 * np.add.reduceat(np.logical_or(*_at_bounds(kind, k, episodes.actions)), first, dtype=np.int64) / lengths
+        name: 100.0
+        * np.add.reduceat(np.logical_or(*_at_bounds(kind, k, episodes.actions)), first, dtype=np.int64)
+        / lengths
         for k, name in enumerate(columns(kind))
     }
     changes = np.abs(np.diff(episodes.deflections.astype(np.float64), axis=0, prepend=0.0))

@@ -1,8 +1,12 @@
 """Policies that come with the package: the guidance law, and chance."""
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vvc_bench import sim
@@ -44,21 +48,19 @@ class RandomAgent:
 
     def begin(self, seeds: NDArray[np.int64]) -> Policy:
         """A generator for each aircraft."""
-        space = make_spaces(self.settings).action
+        space = cast(spaces.Box, make_spaces(self.settings).action)
         generators = [np.random.default_rng(seed) for seed in seeds]
-        shape, drawn = (_DRAWN_AHEAD, *space.shape), iter(())
-
-        def policy(_observed: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-            nonlocal drawn
-            actions = next(drawn, None)
-            if actions is None:
-                shares = np.stack([generator.random(shape, dtype=np.float32) for generator in generators], axis=1)
-                drawn = iter(space.low + (space.high - space.low) * shares)
-                actions = next(drawn)
-            return actions
-
-        return policy
+        actions = itertools.chain.from_iterable(_drawn_ahead(space, generators))
+        return lambda _observed: next(actions)
 
     def describe(self) -> dict[str, str | None]:
         """It is its name."""
         return {"kind": "built-in", "name": self.name, "sha256": None}
+
+
+def _drawn_ahead(space: spaces.Box, generators: Sequence[np.random.Generator]) -> Iterator[NDArray[np.float32]]:
+    """Actions without end, shape (`_DRAWN_AHEAD`, B, w) at a time."""
+    shape = (_DRAWN_AHEAD, *space.shape)
+    while True:
+        shares = np.stack([generator.random(shape, dtype=np.float32) for generator in generators], axis=1)
+        yield space.low + (space.high - space.low) * shares

@@ -6,9 +6,9 @@ Inputs, all float32, in the units of the environments' spaces (normalising them 
 - ``achieved_goal`` (B, 3), if the graph wants it;
 - ``state`` (B, S), if it is recurrent; zeros at the start of an episode.
 
-Outputs: ``action`` (B, 3) in guidance or (B, 4) in end-to-end mode, in the units of the action space; with ``state`` also
-``next_state`` (B, S). B is free: any number of aircraft are asked at once. All within one file, of operators of the
-ONNX standard.
+Outputs: ``action`` (B, 3) in guidance or (B, 4) in end-to-end mode, in the units of the action space; with ``state``
+also ``next_state`` (B, S). B is free: any number of aircraft are asked at once. All within one file, of operators of
+the ONNX standard.
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,8 @@ def open_onnx(path: Path) -> OnnxAgent:
     """Open an ONNX file and check that it is a policy.
 
     Raises:
-        ValueError: for a file that is too large, is no ONNX model, or has other inputs or outputs; says which are needed.
+        ValueError: for a file that is too large, is no ONNX model, or has other inputs or outputs; says which are
+            needed.
         FileNotFoundError: for a file that is not there.
         ImportError: without onnxruntime.
     """
@@ -93,13 +94,7 @@ def open_onnx(path: Path) -> OnnxAgent:
         if name in inputs:
             _check_tensor(path, inputs[name], (width,))
     _check_tensor(path, outputs[ACTION], ACTION_WIDTHS)
-    state_width = 0
-    if STATE in inputs:
-        state_width = inputs[STATE].shape[-1] if inputs[STATE].shape else None
-        if not isinstance(state_width, int) or state_width < 1:
-            raise ValueError(f"{path}: input 'state' must have shape (B, S) with a fixed S; it has {_shape(inputs[STATE])}")
-        _check_tensor(path, inputs[STATE], (state_width,))
-        _check_tensor(path, outputs[NEXT_STATE], (state_width,))
+    state_width = _state_width(path, inputs[STATE], outputs[NEXT_STATE]) if STATE in inputs else 0
     agent = OnnxAgent(path.stem, sha256, session, tuple(name for name in WIDTHS if name in inputs), state_width)
     _try(path, agent)
     return agent
@@ -141,6 +136,16 @@ def _check_tensor(path: Path, tensor: Any, widths: tuple[int, ...]) -> None:
             f"{path}: {tensor.name!r} must be float32 of shape (B, {' or '.join(map(str, widths))}) with a free B; "
             f"it is {tensor.type} of shape {_shape(tensor)}"
         )
+
+
+def _state_width(path: Path, state: Any, next_state: Any) -> int:
+    """S of a recurrent policy."""
+    width = state.shape[-1] if state.shape else None
+    if not isinstance(width, int) or width < 1:
+        raise ValueError(f"{path}: input 'state' must have shape (B, S) with a fixed S; it has {_shape(state)}")
+    _check_tensor(path, state, (width,))
+    _check_tensor(path, next_state, (width,))
+    return width
 
 
 def _shape(tensor: Any) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench.policies.agent import Agent, file_sha256, import_extra
+from vvc_bench.policies.views import view_of
 from vvc_bench.rollout import Policy
 
 
@@ -83,19 +84,20 @@ def _working_folder_on_path() -> Iterator[None]:
 
 
 def open_stable_baselines(path: Path) -> Agent:
-    """Open a Stable-Baselines3 model and take its deterministic actions.
+    """Open a Stable-Baselines3 model and take its deterministic actions; it sees what its own spaces say.
 
     Raises:
-        ValueError: for a file that holds no model.
+        ValueError: for a file that holds no model, or one of other spaces.
         FileNotFoundError: for a file that is not there.
         ImportError: without Stable-Baselines3.
     """
     sha256 = file_sha256(path)
     policy = load_stable_baselines(path)
+    view = view_of(policy.observation_space, policy.action_space)
 
     def act(observed: dict[str, NDArray[np.float32]]) -> NDArray[np.float32]:
-        actions, _ = policy.predict(observed, deterministic=True)
-        return np.asarray(actions)
+        answer, _ = policy.predict(view.see(observed), deterministic=True)
+        return view.act(np.asarray(answer, dtype=np.float32))
 
     return FunctionAgent("stable-baselines3", path.stem, sha256, act)
 

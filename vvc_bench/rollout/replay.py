@@ -92,7 +92,9 @@ def law_actions(
         Shape (B, 3), in the units of the action space of guidance mode.
     """
     actions = np.empty((len(observations), len(GuidanceCommand._fields)), dtype=np.float32)
-    _law_rows(np.ascontiguousarray(observations), desired_goals / SCALE, np.array(parameters, dtype=np.float64), actions)
+    _law_rows(
+        np.ascontiguousarray(observations), desired_goals / SCALE, np.array(parameters, dtype=np.float64), actions
+    )
     return actions
 
 
