@@ -1,5 +1,7 @@
 """Goal-conditioned behavioural cloning, by imitation's ``BC``."""
 
+import contextlib
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -57,8 +59,8 @@ class Batches:
 
     def take(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Some transitions."""
-        seen = {name: torch.from_numpy(values[rows]) for name, values in self._observations.items()}
-        return {"obs": DictObs(seen), "acts": torch.from_numpy(self._actions[rows])}
+        seen = {name: values[rows] for name, values in self._observations.items()}
+        return {"obs": DictObs(seen), "acts": self._actions[rows]}
 
     def spread(self, count: int) -> dict[str, Any]:
         """So many transitions at most, evenly spread over all, always the same."""
@@ -119,7 +121,8 @@ class Cloning:
 
     def advance(self, logger: Logger) -> None:
         """Learn for an epoch."""
-        self._learner.train(n_epochs=1, progress_bar=False)
+        with _library_quiet():
+            self._learner.train(n_epochs=1, progress_bar=False)
         self.done += 1
         for name, loss in self.losses().items():
             logger.record(f"loss/{name}", loss)
@@ -127,7 +130,7 @@ class Cloning:
 
     def losses(self) -> dict[str, float]:
         """What imitation minimises, on a part of the transitions to train and to validate with."""
-        with torch.no_grad():
+        with torch.no_grad(), _library_quiet():
             return {
                 name: float(self._learner.loss_calculator(self.policy, batch["obs"], batch["acts"]).loss)
                 for name, batch in self._judged.items()
@@ -148,3 +151,12 @@ class Cloning:
         self.policy.load_state_dict(state["policy"])
         self._learner.optimizer.load_state_dict(state["optimizer"])
         self._generator.bit_generator.state = state["generator"]
+
+
+@contextlib.contextmanager
+def _library_quiet() -> Iterator[None]:
+    """Without imitation's warnings of what it does itself to observations that are dictionaries, and to its losses."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "trying to unwrap object of type", UserWarning)
+        warnings.filterwarnings("ignore", "Converting a tensor with requires_grad", UserWarning)
+        yield
