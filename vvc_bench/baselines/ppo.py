@@ -9,7 +9,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.actors import DemonstratedPolicy, network
 from vvc_bench.baselines.configurations import PpoConfiguration
-from vvc_bench.baselines.reinforcement import Reinforcement
+from vvc_bench.baselines.reinforcement import Reinforcement, check_count
 
 
 class ScheduledPPO(PPO):  # type: ignore[misc]  # whose types are not there without the extra
@@ -75,10 +75,11 @@ class Improving(Reinforcement):
         seed: int,
         demonstrator: DemonstratedPolicy | None = None,
     ) -> None:
+        check_count(environments, configuration.environments)
         explores = configuration.state_dependent_exploration and demonstrator is None
         self._warm_up_steps = configuration.warm_up_steps
         algorithm = ScheduledPPO(configuration, environments, seed, explores)
-        super().__init__(algorithm, configuration.environments, configuration.steps_of_a_rollout)
+        super().__init__(algorithm, configuration.steps_of_a_rollout)
         if demonstrator is not None:
             _begin_with(self.policy, demonstrator)
 

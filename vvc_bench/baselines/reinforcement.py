@@ -9,6 +9,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.curricula import Curriculum
 
@@ -25,20 +26,14 @@ class Reinforcement:
 
     Args:
         algorithm: the learner, on `UnitActions` around a `VelocityVectorVecEnv`.
-        environments: how many it must have.
         steps: of each environment, taken at a time.
-
-    Raises:
-        ValueError: for another number of environments.
     """
 
     unit = "steps"
 
-    def __init__(self, algorithm: BaseAlgorithm, environments: int, steps: int) -> None:
-        if algorithm.n_envs != environments:
-            raise ValueError(f"the configuration is for {environments} environments, got {algorithm.n_envs}")
+    def __init__(self, algorithm: BaseAlgorithm, steps: int) -> None:
         self.algorithm = algorithm
-        self._steps = steps * environments
+        self._steps = steps * algorithm.n_envs
 
     @property
     def policy(self) -> Any:
@@ -89,6 +84,16 @@ class Reinforcement:
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002
         torch.set_rng_state(pytorch)
+
+
+def check_count(environments: VecEnv, configured: int) -> None:
+    """Refuse another number of environments than a configuration is for.
+
+    Raises:
+        ValueError: names both.
+    """
+    if environments.num_envs != configured:
+        raise ValueError(f"the configuration is for {configured} environments, got {environments.num_envs}")
 
 
 class _Watched(BaseCallback):  # type: ignore[misc]  # whose types are not there without the extra

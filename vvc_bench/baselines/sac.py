@@ -7,14 +7,14 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.configurations import SacConfiguration
 from vvc_bench.baselines.features import RelativeFeatures
-from vvc_bench.baselines.reinforcement import Reinforcement
+from vvc_bench.baselines.reinforcement import Reinforcement, check_count
 
 _SLICE = 500
-"""Steps of each environment between two looks at the time."""
+"""Steps, of all environments together, between two looks at the time."""
 
 
 class SoftActorCritic(Reinforcement):
-    """A policy that SAC learns, 500 steps of each environment at a time.
+    """A policy that SAC learns, some 500 steps at a time.
 
     Args:
         environments: with actions of ±1 (`vvc_bench.baselines.unit_actions.UnitActions`); for hindsight on a task whose
@@ -27,6 +27,7 @@ class SoftActorCritic(Reinforcement):
     """
 
     def __init__(self, environments: VecEnv, configuration: SacConfiguration, seed: int) -> None:
+        check_count(environments, configuration.environments)
         replay: dict[str, Any] = {"replay_buffer_class": HerReplayBuffer} if configuration.hindsight else {}
         algorithm = SAC(
             "MultiInputPolicy",
@@ -42,4 +43,4 @@ class SoftActorCritic(Reinforcement):
             device="cpu",
             **replay,
         )
-        super().__init__(algorithm, configuration.environments, _SLICE)
+        super().__init__(algorithm, -(-_SLICE // configuration.environments))

@@ -141,10 +141,11 @@ def train(
         What ``training.json`` holds.
 
     Raises:
-        ValueError: if the folder holds a training of another plan.
+        ValueError: for a task without validation goals, or a folder that holds a training of another plan.
         FileExistsError: if it holds anything else.
         OSError: if it cannot be written.
     """
+    protocol_for(plan.task)
     begun = begin(plan, folder)
     if begun.get("finished"):
         return begun
