@@ -69,7 +69,7 @@ from vvc_bench.tasks import TASKS
 WHERE = make_spaces(sim.Settings())
 BOUNDS: Any = WHERE.action
 SILENT = Logger(None, [])
-EASY = UniformBox((190.0, -5.0, -15.0), (210.0, 5.0, 15.0))
+EASY = UniformBox((195.0, -5.0, -10.0), (205.0, 5.0, 10.0))
 
 TINY_PPO = PPO_SMALL._replace(environments=16, steps_of_a_rollout=32, batch_size=256, epochs=2, steps=1024)
 TINY_SAC = SAC_SMALL._replace(environments=4, batch_size=32, learning_starts=200, buffer_size=20_000)
@@ -108,12 +108,12 @@ def easy_environments(count: int, **fields: object) -> UnitActions:
     return UnitActions(VelocityVectorVecEnv("VVC/Normal-v0", count, seed=1, threads=1, goals=EASY, **fields))
 
 
-def mean_return(policy: Any, count: int = 64, steps: int = 400) -> float:
+def mean_return(policy: Any, count: int = 64, **fields: object) -> float:
     """Of deterministic flights to easy goals, failures included."""
-    environments = easy_environments(count)
+    environments = easy_environments(count, **fields)
     observed, act = environments.venv.reset(), deterministic(policy).function
     returns, flying = np.zeros(count), np.ones(count, dtype=bool)
-    for _ in range(steps):
+    while flying.any():
         observed, rewards, dones, _ = environments.venv.step(act(observed))
         returns += rewards * flying
         flying &= ~dones
@@ -252,7 +252,7 @@ def test_gcbc_learns_and_beats_its_start(flown: Episodes) -> None:
     loss, start = cloning.losses()["training"], mean_return(cloning.policy)
     for _ in range(15):
         cloning.advance(SILENT)
-    assert cloning.losses()["training"] < loss - 1.0
+    assert cloning.losses()["training"] < loss - 0.3
     assert mean_return(cloning.policy) > 0.5 * start  # returns are negative
 
 
@@ -286,13 +286,16 @@ def test_ppo_beats_its_start() -> None:
 
 @pytest.mark.parametrize("hindsight", [False, True])
 def test_sac_beats_its_start(hindsight: bool) -> None:
-    fields = {"reward": "sparse", "reach_steps": 1} if hindsight else {}
-    configuration = SAC_SMALL._replace(environments=16, learning_starts=1000, gradient_steps=2, hindsight=hindsight)
-    learner = SoftActorCritic(easy_environments(16, **fields), configuration, 0)
-    start = mean_return(learner.policy)
-    while learner.done < 8000:
+    short = {"step_limit": 60, "terminations": ("reach_target", "time_limit"), "reach_steps": 1}
+    learner = SoftActorCritic(
+        easy_environments(16, reward="sparse" if hindsight else "distance", **short),
+        SAC_SMALL._replace(learning_starts=500, discount=0.9, hidden=(64, 64), batch_size=128, hindsight=hindsight),
+        0,
+    )
+    start = mean_return(learner.policy, reward="sparse", **short)
+    while learner.done < 4096:
         learner.advance(SILENT)
-    assert mean_return(learner.policy) > 0.8 * start
+    assert mean_return(learner.policy, reward="sparse", **short) > start + 4.0  # steps, of some 48
 
 
 def test_ppo_begins_as_the_demonstrator_and_warms_its_value_function_up() -> None:
@@ -488,7 +491,7 @@ def test_discern_draws_rare_and_frequent_alike() -> None:
 def test_mega_draws_what_was_achieved_least() -> None:
     curriculum = taught("mega")
     goals = drawn(curriculum)
-    assert in_crowd(goals) < 0.4
+    assert in_crowd(goals) < 0.6
     generator = np.random.default_rng(1)
     known = np.concatenate([achieved(generator, 1000) for _ in range(40)]).astype(np.float32)
     assert set(map(tuple, goals.astype(np.float32).tolist())) <= set(map(tuple, known.tolist()))

@@ -66,6 +66,8 @@ class SacConfiguration(NamedTuple):
     learning_rate: float = 3e-4
     gradient_steps: int = 1
     """After each step of the environments."""
+    first_entropy_weight: float = 1.0
+    """It is learned from there; the library's."""
     hindsight: bool = False
     """With it rewards follow from goals alone: −1 until the goal is reached, by one report."""
     hidden: tuple[int, ...] = HIDDEN
@@ -93,7 +95,14 @@ IRPO_3_RELEASED = IRPO_2_RELEASED._replace(steps=500_000_000, hidden=(256, 256, 
 """From the third iteration on the released networks are deeper, and trained for longer."""
 SAC_RELEASED = SacConfiguration()
 SAC_SMALL = SacConfiguration(
-    steps=20_000, environments=16, batch_size=256, learning_starts=1600, discount=0.95, learning_rate=1e-3
+    steps=20_000,
+    environments=16,
+    batch_size=256,
+    learning_starts=1600,
+    discount=0.95,
+    learning_rate=1e-3,
+    gradient_steps=8,
+    first_entropy_weight=0.05,
 )
 
 

@@ -56,7 +56,7 @@ class Curriculum:
         self._count = 0
         self._fitted, self._renewed, self._remembered = fitted, renewed, remembered
         self._unseen = 0
-        self._fit = self._pool = np.empty((0, 3))
+        self._pool = np.empty((0, 3))
         self._log_density = np.empty(0)
 
     def observe(self, achieved: NDArray[Any]) -> None:
@@ -72,17 +72,20 @@ class Curriculum:
 
     def sample(self, generator: np.random.Generator) -> NDArray[np.float64]:
         """One goal, shape (3,), in outside units."""
-        return self._choose(generator) if len(self._fit) else self._box.sample(generator)
+        return self._choose(generator) if len(self._pool) else self._box.sample(generator)
 
     def _choose(self, generator: np.random.Generator) -> NDArray[np.float64]:
         raise NotImplementedError
 
     def _renew(self) -> None:
-        """Fit the density to some of what is remembered, and take others as candidates."""
+        """Fit the density to some of what is remembered, which are the candidates too.
+
+        Each has a kernel of its own, so that none is rarer than one among so many.
+        """
         known = self._achieved[: min(self._count, len(self._achieved))]
-        self._fit, self._pool = (known[self._generator.integers(len(known), size=self._fitted)] for _ in range(2))
-        density = KernelDensity(bandwidth=_BANDWIDTH).fit((self._fit - self._low) / self._width)
-        self._log_density = density.score_samples((self._pool - self._low) / self._width)
+        self._pool = known[self._generator.choice(len(known), self._fitted, replace=False)]
+        scaled = (self._pool - self._low) / self._width
+        self._log_density = KernelDensity(bandwidth=_BANDWIDTH).fit(scaled).score_samples(scaled)
         self._unseen = 0
 
 
@@ -90,7 +93,7 @@ class Rig(Curriculum):
     """Goals as they were achieved."""
 
     def _choose(self, generator: np.random.Generator) -> NDArray[np.float64]:
-        kernel = self._fit[generator.integers(len(self._fit))]
+        kernel = self._pool[generator.integers(len(self._pool))]
         drawn = kernel + _BANDWIDTH * self._width * generator.standard_normal(3)
         goal: NDArray[np.float64] = np.clip(drawn, self._box.low, self._box.high)
         return goal

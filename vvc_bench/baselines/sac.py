@@ -38,6 +38,7 @@ class SoftActorCritic(Reinforcement):
             batch_size=configuration.batch_size,
             gamma=configuration.discount,
             gradient_steps=configuration.gradient_steps,
+            ent_coef=f"auto_{configuration.first_entropy_weight}",
             policy_kwargs={"features_extractor_class": RelativeFeatures, "net_arch": list(configuration.hidden)},
             seed=seed,
             device="cpu",
