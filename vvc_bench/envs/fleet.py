@@ -18,6 +18,8 @@ from vvc_bench.tasks import task_row
 _KEPT = np.array([Memory._fields.index(name) for name in ("steps", "rolled", "steps_negative_load")])
 """What is remembered although the goal changes."""
 
+_PER_AIRCRAFT = ("rows", "memories", "goals", "observations", "achieved", "desired", "report", "events", "commands")
+
 
 class Fleet:
     """N aircraft in episodes of one task. Arrays are the fleet's own: environments hand out copies.
@@ -71,6 +73,19 @@ class Fleet:
         self.rows[which] = self.start if states is None else states
         self._aim(which, np.broadcast_to(checked_goals(goals), (len(which), 3)))
         self._begin(which)
+
+    def keep(self, which: NDArray[np.bool_]) -> None:
+        """Go on with some of the aircraft alone.
+
+        Args:
+            which: shape (count,).
+        """
+        for name in _PER_AIRCRAFT:
+            setattr(self, name, getattr(self, name)[which])
+        if len(self.conditions) > 1:
+            self.conditions = self.conditions[which]
+        self.generators = [generator for generator, kept in zip(self.generators, which, strict=False) if kept]
+        self.count = len(self.rows)
 
     def set_goals(self, which: NDArray[np.int64], goals: ArrayLike) -> None:
         """Change goals within the episode: the step count goes on, what counts towards reaching starts anew."""

@@ -47,6 +47,11 @@ class SubGoalFleet(Fleet):
         super().begin(which, self.sub_goals[0], states)
         self.reached[which] = 0
 
+    def keep(self, which: NDArray[np.bool_]) -> None:
+        """Go on with some of the aircraft alone."""
+        super().keep(which)
+        self.reached = self.reached[which]
+
     def step(self, actions: ArrayLike, threads: int | None = None) -> None:
         """Fly every aircraft one step, those that reach a sub-goal towards the next."""
         super().step(actions, threads)

@@ -1,8 +1,8 @@
 """Fly a policy, a fixed chunk of aircraft at a time, and measure every flight.
 
-The aircraft of a chunk are asked together and keep their rows until the last of them is done; those that are done begin
-anew and idle, and a chunk that is not full is filled up. So what a policy computes, to the last bit, does not depend on
-threads or on how many chunks fly at once.
+A policy is asked about the aircraft of a chunk together, in the same rows until the last of them is done: those that
+are done show what was seen of them last, and a chunk that is not full shows its last aircraft again. So what a policy
+computes, to the last bit, does not depend on threads or on how many chunks fly at once.
 """
 
 from collections.abc import Iterator
@@ -74,32 +74,36 @@ def fly_chunk(agent: Agent, chunk: Chunk) -> Flights:
     Raises:
         ValueError: for actions of another shape, or NaN; names the goal and the step.
     """
-    filled = np.concatenate([chunk.goals, np.full(CHUNK - len(chunk.goals), chunk.goals[-1])])
-    seeds = chunk.protocol.episode_seeds(chunk.seed)[filled]
-    fleet = begun_fleet(chunk, filled)
-    begun = fleet.rows.copy()
-    log = _Log(int(chunk.scenario.task.step_limit), chunk.scenario.settings.command_width)
-    policy = agent.begin(seeds)
     count = len(chunk.goals)
-    lengths = np.zeros(count, dtype=np.int64)
-    lowest = fleet.rows[:count, _ALTITUDE].copy()
+    fleet = begun_fleet(chunk, chunk.goals)
+    begun = fleet.rows.copy()
+    seeds = chunk.protocol.episode_seeds(chunk.seed)[chunk.goals]
+    policy = agent.begin(_filled(seeds))
+    shown = {name: _filled(values) for name, values in seen(fleet).items()}
+    log = _Log(int(chunk.scenario.task.step_limit), fleet.commands.shape)
     final = _Final(count)
-    flying = np.arange(count)
-    for step in range(log.steps):
-        actions = _asked(policy, fleet, flying, chunk, step)
-        log.observations[step], log.actions[step] = fleet.observations, actions
+    lowest = begun[:, _ALTITUDE].copy()
+    rows = np.arange(count)
+    while rows.size and log.steps < len(log.rewards):
+        actions = _asked(policy, shown, rows, chunk, log.steps)
+        before = fleet.observations.copy()
         fleet.step(actions, threads=1)
-        log.note(step, fleet)
-        lengths[flying] = step + 1
-        lowest[flying] = np.minimum(lowest[flying], fleet.rows[flying, _ALTITUDE])
-        final.note(flying[fleet.events[flying] != 0], fleet)
-        flying = flying[fleet.events[flying] == 0]
-        if not flying.size:
-            break
-        over = np.flatnonzero(fleet.events)
-        _begin(fleet, over, chunk.protocol.goals[filled[over]], begun[over])
-    episodes = _episodes(chunk, seeds[:count], begun[:count], log, lengths, final.observations)
+        log.note(rows, before, actions, fleet)
+        lowest[rows] = np.minimum(lowest[rows], fleet.rows[:, _ALTITUDE])
+        for name, values in seen(fleet).items():
+            shown[name][rows] = values
+        over = fleet.events != 0
+        if over.any():
+            final.note(rows, over, fleet, log.steps)
+            fleet.keep(~over)
+            rows = rows[~over]
+    episodes = _episodes(chunk, seeds, begun, log, final)
     return Flights(episodes, final.direction_errors_deg, lowest, final.clipped, final.reached)
+
+
+def _filled(values: NDArray[Any]) -> NDArray[Any]:
+    """A row for every aircraft of a full chunk."""
+    return np.concatenate([values, np.repeat(values[-1:], CHUNK - len(values), axis=0)])
 
 
 def begun_fleet(chunk: Chunk, goals: NDArray[np.int64]) -> Fleet:
@@ -120,13 +124,8 @@ def begun_fleet(chunk: Chunk, goals: NDArray[np.int64]) -> Fleet:
         conditions=np.broadcast_to(conditions, (count, conditions.shape[1])),
     )
     fleet = SubGoalFleet(fleet, protocol.sub_goals)
-    _begin(fleet, np.arange(count), targets, starts)
+    fleet.begin(np.arange(count), states=starts)
     return fleet
-
-
-def _begin(fleet: Fleet, rows: NDArray[np.int64], goals: NDArray[np.float64], starts: NDArray[np.float64]) -> None:
-    """Begin episodes; sub-goals are the fleet's own."""
-    fleet.begin(rows, None if isinstance(fleet, SubGoalFleet) else goals, starts)
 
 
 def seen(fleet: Fleet) -> dict[str, NDArray[np.float32]]:
@@ -138,88 +137,93 @@ def seen(fleet: Fleet) -> dict[str, NDArray[np.float32]]:
     }
 
 
-def _asked(policy: Policy, fleet: Fleet, flying: NDArray[np.int64], chunk: Chunk, step: int) -> NDArray[np.float32]:
-    """The policy's actions for all rows; zero for those that do not fly."""
-    answer = np.asarray(policy(seen(fleet)))
-    kind = chunk.scenario.settings.command_fields
-    if answer.shape != fleet.commands.shape:
+def _asked(
+    policy: Policy, shown: dict[str, NDArray[np.float32]], rows: NDArray[np.int64], chunk: Chunk, step: int
+) -> NDArray[np.float32]:
+    """The policy's actions for the rows that fly."""
+    answer = np.asarray(policy({name: values.copy() for name, values in shown.items()}))
+    expected = (CHUNK, chunk.scenario.settings.command_width)
+    kind = list(columns(chunk.scenario.settings.command_fields))
+    if answer.shape != expected:
         raise ValueError(
-            f"the policy must answer with actions of shape {fleet.commands.shape}: {', '.join(columns(kind))}; at step "
-            f"{step} of goals {chunk.goals[0]} to {chunk.goals[-1]} it gave shape {answer.shape}"
+            f"the policy must answer with actions of shape {expected}: {', '.join(kind)}; at step {step} of goals "
+            f"{chunk.goals[0]} to {chunk.goals[-1]} it gave shape {answer.shape}"
         )
-    actions = np.zeros(answer.shape, dtype=np.float32)
-    actions[flying] = answer[flying]
+    actions = answer[rows].astype(np.float32)
     if np.isnan(actions).any():
         row, component = np.argwhere(np.isnan(actions))[0]
-        place = chunk.goals[row]
+        place = chunk.goals[rows[row]]
         goal = ", ".join(f"{value:g}" for value in chunk.protocol.goals[place])
         raise ValueError(
-            f"the policy's {list(columns(kind))[component]} is NaN at step {step} of goal {place} ({goal}); "
-            "actions must be numbers"
+            f"the policy's {kind[component]} is NaN at step {step} of goal {place} ({goal}); actions must be numbers"
         )
     return actions
 
 
 class _Log:
-    """What happened in each step, in arrays of shape (steps, CHUNK, …)."""
+    """What happened in each step, in arrays of shape (steps, flights, …)."""
 
-    def __init__(self, steps: int, width: int) -> None:
-        self.steps = steps
-        self.observations = np.empty((steps, CHUNK, len(Observation._fields)), dtype=np.float32)
-        self.actions = np.empty((steps, CHUNK, width), dtype=np.float32)
-        self.rewards = np.empty((steps, CHUNK), dtype=np.float32)
-        self.events = np.empty((steps, CHUNK), dtype=np.uint8)
-        self.deflections = np.empty((steps, CHUNK, len(SurfaceCommand._fields)), dtype=np.float32)
-        self.load_factors = np.empty((steps, CHUNK), dtype=np.float32)
+    def __init__(self, limit: int, commands: tuple[int, ...]) -> None:
+        count, width = commands
+        self.steps = 0
+        self.observations = np.empty((limit, count, len(Observation._fields)), dtype=np.float32)
+        self.actions = np.empty((limit, count, width), dtype=np.float32)
+        self.rewards = np.empty((limit, count), dtype=np.float32)
+        self.events = np.empty((limit, count), dtype=np.uint8)
+        self.deflections = np.empty((limit, count, len(SurfaceCommand._fields)), dtype=np.float32)
+        self.load_factors = np.empty((limit, count), dtype=np.float32)
 
-    def note(self, step: int, fleet: Fleet) -> None:
-        self.rewards[step] = fleet.report[:, _REWARD]
-        self.events[step] = fleet.events
-        self.deflections[step] = fleet.rows[:, _DEFLECTIONS] * _DEFLECTION_SCALE
-        self.load_factors[step] = fleet.report[:, _LOAD_FACTOR]
+    def note(
+        self, rows: NDArray[np.int64], before: NDArray[np.float32], actions: NDArray[np.float32], fleet: Fleet
+    ) -> None:
+        step = self.steps
+        self.observations[step, rows] = before
+        self.actions[step, rows] = actions
+        self.rewards[step, rows] = fleet.report[:, _REWARD]
+        self.events[step, rows] = fleet.events
+        self.deflections[step, rows] = fleet.rows[:, _DEFLECTIONS] * _DEFLECTION_SCALE
+        self.load_factors[step, rows] = fleet.report[:, _LOAD_FACTOR]
+        self.steps += 1
 
 
 class _Final:
     """What was the case in the step that ended each flight."""
 
     def __init__(self, count: int) -> None:
+        self.lengths = np.zeros(count, dtype=np.int64)
         self.observations = np.zeros((count, len(Observation._fields)), dtype=np.float32)
         self.direction_errors_deg = np.zeros(count)
         self.clipped = np.zeros(count, dtype=np.int64)
         self.reached = np.zeros(count, dtype=np.int64)
 
-    def note(self, ended: NDArray[np.int64], fleet: Fleet) -> None:
-        self.observations[ended] = fleet.observations[ended]
-        self.direction_errors_deg[ended] = fleet.report[ended, _DIRECTION_ERROR]
-        self.clipped[ended] = fleet.rows[ended, _CLIPPED]
+    def note(self, rows: NDArray[np.int64], over: NDArray[np.bool_], fleet: Fleet, steps: int) -> None:
+        ended = rows[over]
+        self.lengths[ended] = steps
+        self.observations[ended] = fleet.observations[over]
+        self.direction_errors_deg[ended] = fleet.report[over, _DIRECTION_ERROR]
+        self.clipped[ended] = fleet.rows[over, _CLIPPED]
         single = (fleet.events & _REACHED) != 0
-        self.reached[ended] = (fleet.reached if isinstance(fleet, SubGoalFleet) else single)[ended]
+        self.reached[ended] = (fleet.reached if isinstance(fleet, SubGoalFleet) else single)[over]
 
 
 def _episodes(
-    chunk: Chunk,
-    seeds: NDArray[np.int64],
-    starts: NDArray[np.float64],
-    log: _Log,
-    lengths: NDArray[np.int64],
-    final_observations: NDArray[np.float32],
+    chunk: Chunk, seeds: NDArray[np.int64], starts: NDArray[np.float64], log: _Log, final: _Final
 ) -> Episodes:
     """One flight after another."""
-    longest = int(lengths.max())
-    flown = np.arange(longest) < lengths[:, None]
+    flown = np.arange(log.steps) < final.lengths[:, None]
 
     def in_turn(values: NDArray[Any]) -> NDArray[Any]:
-        return values[:longest, : len(lengths)].swapaxes(0, 1)[flown]
+        return values[: log.steps].swapaxes(0, 1)[flown]
 
     transitions = ("observations", "actions", "rewards", "events", "deflections", "load_factors")
     return Episodes(
         chunk.scenario,
         chunk.protocol.goals[chunk.goals],
         seeds,
-        np.full(len(lengths), "policy"),
+        np.full(len(seeds), "policy"),
         starts,
-        np.concatenate([[0], np.cumsum(lengths)]),
-        final_observations=final_observations,
+        np.concatenate([[0], np.cumsum(final.lengths)]),
+        final_observations=final.observations,
         **{name: in_turn(getattr(log, name)) for name in transitions},
     )
 
