@@ -51,31 +51,31 @@ class Nothing(VecEnv):
         self._rewards, self._dones = np.zeros(count, dtype=np.float32), np.zeros(count, dtype=np.bool_)
         self._infos: list[dict[str, Any]] = [{} for _ in range(count)]
 
-    def reset(self) -> dict[str, np.ndarray]:
+    def reset(self) -> dict[str, np.ndarray]:  # noqa: D102
         return self._observed
 
-    def step_async(self, actions: np.ndarray) -> None:
+    def step_async(self, actions: np.ndarray) -> None:  # noqa: D102
         pass
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> Any:  # noqa: D102
         return self._observed, self._rewards, self._dones, self._infos
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: D102
         del attr_name, indices
         return [None] * self.num_envs
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: D102
         pass
 
-    def env_method(self, method_name: str, *args: Any, indices: Any = None, **options: Any) -> list[Any]:
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **options: Any) -> list[Any]:  # noqa: D102
         del method_name, args, indices, options
         return []
 
-    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:  # noqa: D102
         del wrapper_class, indices
         return [False] * self.num_envs
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: D102
         pass
 
 
@@ -84,7 +84,7 @@ class Singles(DummyVecEnv):
 
     goals = None
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: D102
         return [None] if attr_name == "goals" else super().get_attr(attr_name, indices)
 
 

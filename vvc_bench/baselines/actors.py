@@ -5,6 +5,7 @@ from typing import Any
 
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from torch import nn
 
@@ -19,12 +20,25 @@ class DemonstratedPolicy(MultiInputActorCriticPolicy):  # type: ignore[misc]  # 
         entropy_weight · entropy − penalty · KL(demonstrator ‖ this),
 
     the divergence being a mean over the action's components, as in IRPO; ``ent_coef`` must then be 1.
+
+    Args:
+        entropy_weight: of the entropy.
+        penalty: of the divergence.
+        with_values: whether the critic is asked when actions are evaluated; cloning does without.
     """
 
-    def __init__(self, *arguments: Any, entropy_weight: float = 0.0, penalty: float = 0.0, **options: Any) -> None:
+    def __init__(
+        self,
+        *arguments: Any,
+        entropy_weight: float = 0.0,
+        penalty: float = 0.0,
+        with_values: bool = True,
+        **options: Any,
+    ) -> None:
         super().__init__(*arguments, features_extractor_class=RelativeFeatures, **options)
         self.entropy_weight = entropy_weight
         self.penalty = penalty
+        self.with_values = with_values
         self._demonstrator: list[MultiInputActorCriticPolicy] = []  # a list, so that it is not trained or saved
 
     def follow(self, demonstrator: MultiInputActorCriticPolicy) -> None:
@@ -36,18 +50,27 @@ class DemonstratedPolicy(MultiInputActorCriticPolicy):  # type: ignore[misc]  # 
         self, obs: dict[str, torch.Tensor], actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Values, log-likelihoods, and what stands for the entropy."""
-        values, log_likelihood, entropy = super().evaluate_actions(obs, actions)
-        bonus = self.entropy_weight * entropy
+        features = self.extract_features(obs)
+        distribution = self._get_action_dist_from_latent(self.mlp_extractor.forward_actor(features))
+        bonus = self.entropy_weight * distribution.entropy()
         if self.penalty > 0.0 and self._demonstrator:
-            bonus = bonus - self.penalty * self.divergence(obs)
-        return values, log_likelihood, bonus
+            bonus = bonus - self.penalty * self._divergence_of(distribution, obs)
+        return self._values(features), distribution.log_prob(actions), bonus
 
     def divergence(self, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         """KL(demonstrator ‖ this), mean over the action's components, shape (B,)."""
+        return self._divergence_of(self.get_distribution(obs), obs)
+
+    def _values(self, features: torch.Tensor) -> torch.Tensor:
+        if not self.with_values:
+            return features.new_zeros((len(features), 1))
+        values: torch.Tensor = self.value_net(self.mlp_extractor.forward_critic(features))
+        return values
+
+    def _divergence_of(self, mine: Distribution, obs: dict[str, torch.Tensor]) -> torch.Tensor:
         with torch.no_grad():
-            shown = self._demonstrator[0].get_distribution(obs).distribution
-        mine = self.get_distribution(obs).distribution
-        return torch.distributions.kl_divergence(shown, mine).mean(dim=1)
+            shown = self._demonstrator[0].get_distribution(obs)
+        return torch.distributions.kl_divergence(shown.distribution, mine.distribution).mean(dim=1)
 
     @property
     def actor_parameters(self) -> list[nn.Parameter]:
@@ -60,8 +83,7 @@ def make_policy(
     action_space: spaces.Box,
     hidden: Sequence[int],
     learning_rate: Callable[[float], float],
-    *,
-    entropy_weight: float = 0.0,
+    **weights: Any,
 ) -> DemonstratedPolicy:
     """A policy with untrained networks.
 
@@ -70,11 +92,9 @@ def make_policy(
         action_space: ±1 for each component.
         hidden: widths of the hidden layers, of the actor and the critic each.
         learning_rate: of the remaining share of the training.
-        entropy_weight: what the entropy is multiplied with where a learner asks for it.
+        **weights: those of `DemonstratedPolicy`.
     """
-    return DemonstratedPolicy(
-        observation_space, action_space, learning_rate, entropy_weight=entropy_weight, **network(hidden)
-    )
+    return DemonstratedPolicy(observation_space, action_space, learning_rate, **weights, **network(hidden))
 
 
 def network(hidden: Sequence[int]) -> dict[str, Any]:

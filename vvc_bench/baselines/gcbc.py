@@ -20,7 +20,7 @@ from vvc_bench.baselines.unit_actions import to_unit, unit_box
 from vvc_bench.datasets.transitions import Transitions, dictionary
 from vvc_bench.envs.options import Spaces
 
-_JUDGED = 65_536
+_JUDGED = 16_384
 """Transitions that a loss is measured on, at most."""
 
 
@@ -102,9 +102,10 @@ class Cloning:
         if validation is not None and len(validation.rewards):
             self._judged["validation"] = Batches(validation, where.action, 1, self._generator).spread(_JUDGED)
         self.done = 0
+        weights = {"entropy_weight": 1.0, "with_values": False}  # imitation weighs the entropy itself
         self.policy: DemonstratedPolicy = make_policy(
-            where.observation, unit_box(where.action), configuration.hidden, lambda _: 0.0, entropy_weight=1.0
-        )  # imitation weighs the entropy itself
+            where.observation, unit_box(where.action), configuration.hidden, lambda _: 0.0, **weights
+        )
         self._learner = BC(
             observation_space=where.observation,
             action_space=unit_box(where.action),
