@@ -407,6 +407,7 @@ def test_a_killed_training_ends_with_the_weights_of_an_unbroken_one(small_set: D
             assert process.poll() is None
             time.sleep(0.02)
         os.kill(process.pid, signal.SIGKILL)
+    (tmp_path / "killed" / ".last.1234abcd.unfinished.pt").write_bytes(b"half a checkpoint")
     assert not read_training(tmp_path / "killed")["finished"]
     setting, configuration = Setting("normal", evaluations=1), GCBC_SMALL._replace(epochs=6, batch_size=512)
     killed, unbroken = (

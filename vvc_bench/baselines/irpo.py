@@ -1,6 +1,5 @@
 """IRPO: clone, improve, fly every goal, keep what is new or shorter, add the mirror image; and again from there."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,17 +7,15 @@ import numpy as np
 
 from vvc_bench.baselines.configurations import StagedConfiguration
 from vvc_bench.baselines.recipes import Setting, train_gcbc, train_ppo
-from vvc_bench.baselines.training import BEST_POLICY
+from vvc_bench.baselines.training import BEST_POLICY, write_json
 from vvc_bench.datasets.build import add_mirror_image, update_by_policy
 from vvc_bench.datasets.catalogue import GoalGrid, Mirrored, Specification, Updated, grid_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.manifest import MANIFEST
 from vvc_bench.datasets.store import open_dataset
-from vvc_bench.flight.files import write_whole
 from vvc_bench.policies.onnx import open_onnx
 
 SUMMARY = "irpo.json"
-_ROW = ("trajectories", "coverage_percent", "length_steps")
 
 
 def train_irpo(
@@ -64,7 +61,7 @@ def train_irpo(
             {name: {"best": document["best"], "wall_s": document["wall_s"]} for name, document in trained.items()}
             | {"set": _described(updated), "mirrored": _described(dataset)}
         )
-        _write(folder / SUMMARY, iterations)
+        write_json(folder / SUMMARY, {"iterations": iterations})
     return {"iterations": iterations}
 
 
@@ -122,12 +119,3 @@ def _described(dataset: Dataset) -> dict[str, Any]:
         "episodes": len(dataset),
         "metrics": dataset.manifest["metrics"],
     }
-
-
-def _write(path: Path, iterations: list[dict[str, Any]]) -> None:
-    text = json.dumps({"iterations": iterations}, indent=2, sort_keys=True, allow_nan=False) + "\n"
-
-    def write(place: Path) -> None:
-        place.write_text(text, encoding="utf-8")
-
-    write_whole(path, write, lambda place: place.read_text(encoding="utf-8") == text)

@@ -27,6 +27,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from vvc_bench import sim
 from vvc_bench.baselines.unit_actions import from_unit
+from vvc_bench.datasets.folders import locked
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.evaluation import evaluate, named_protocol
 from vvc_bench.flight.files import write_whole
@@ -127,7 +128,8 @@ def train(
 ) -> dict[str, Any]:
     """Train, or go on from where this was interrupted; nothing if it is done.
 
-    A training that was killed goes on from its last checkpoint and does what it would have done.
+    A training that was killed goes on from its last checkpoint and does what it would have done. Of several processes
+    one trains and the others wait.
 
     Args:
         plan: what is trained.
@@ -146,17 +148,25 @@ def train(
         OSError: if it cannot be written.
     """
     protocol_for(plan.task)
-    begun = begin(plan, folder)
-    if begun.get("finished"):
-        return begun
-    torch.set_num_threads(threads)
-    learner = make_learner()
+    begin(plan, folder)
+    with locked(folder):
+        begun = begin(plan, folder)  # another process may have trained in the meantime
+        if begun.get("finished"):
+            return begun
+        for left in folder.glob(".*.unfinished*"):  # by a process that was killed as it wrote
+            left.unlink()
+        torch.set_num_threads(threads)
+        return _resumed(plan, folder, make_learner(), threads).run(between, progress)
+
+
+def _resumed(plan: Plan, folder: Path, learner: Learner, threads: int) -> "_Session":
+    """A training as it begins, or as its last checkpoint left it."""
     record: dict[str, Any] = {"evaluations": [], "wall_s": 0.0}
     if (folder / LAST).exists():
         kept = torch.load(folder / LAST, map_location="cpu", weights_only=False)
         learner.restore(kept["learner"])
         record = kept["record"]
-    return _Session(plan, folder, learner, record, threads).run(between, progress)
+    return _Session(plan, folder, learner, record, threads)
 
 
 def begin(plan: Plan, folder: Path) -> dict[str, Any]:
@@ -178,7 +188,7 @@ def begin(plan: Plan, folder: Path) -> dict[str, Any]:
     if folder.is_dir() and any(folder.iterdir()):
         raise FileExistsError(f"{folder} holds other things than a training; it is left as it is: choose another place")
     document = {"plan": plan.to_json(), "finished": False}
-    _write_json(folder / TRAINING, document)
+    write_json(folder / TRAINING, document)
     return document
 
 
@@ -299,7 +309,7 @@ class _Session:
             "threads": self._threads,
             "versions": {"vvc_bench": __version__} | {name: importlib.metadata.version(name) for name in _PACKAGES},
         }
-        _write_json(self._folder / TRAINING, document)
+        write_json(self._folder / TRAINING, document)
         return document
 
 
@@ -326,7 +336,12 @@ def _save(path: Path, content: Any, *, weights_only: bool) -> None:
     write_whole(path, lambda place: torch.save(content, place), opens)
 
 
-def _write_json(path: Path, document: Mapping[str, Any]) -> None:
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document, or replace an older one, in one move.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
     text = json.dumps(document, indent=2, sort_keys=True, allow_nan=False) + "\n"
 
     def write(place: Path) -> None:
