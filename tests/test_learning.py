@@ -64,7 +64,7 @@ from vvc_bench.goals import UniformBox
 from vvc_bench.policies import open_agent, to_onnx
 from vvc_bench.rollout import Episodes, Scenario, fly_policy
 from vvc_bench.sim.fields import Goal, Observation, field_array
-from vvc_bench.tasks import TASKS
+from vvc_bench.tasks import TASKS, make_task
 
 WHERE = make_spaces(sim.Settings())
 BOUNDS: Any = WHERE.action
@@ -536,6 +536,8 @@ def test_configurations_by_name() -> None:
         (["irpo", "--demos", "pid-v0", "--curriculum", "mega"], "--curriculum means nothing to irpo"),
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast, small"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
+        (["ppo", "--set", "band=1"], "unknown task field 'band'"),
+        (["ppo", "--set", "direction_band_deg=-1"], "direction_band_deg must"),
         (["ppo", "--task", "flycraft"], "unknown protocol 'flycraft-validation-v0'"),
     ],
 )
@@ -552,10 +554,12 @@ def test_the_command_refuses_on_one_line(
 def test_the_command_trains_judges_and_leaves_a_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     place = tmp_path / "run"
     arguments = ["train", "ppo", "--task", "normal", "--configuration", "small", "--steps", "2e4", "--evaluations", "1"]
+    arguments += ["--set", "direction_band_deg=2"]
     assert main([*arguments, "--output", str(place), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads((place / TRAINING).read_text())
     assert document["protocol"] == "normal-validation-v0"
+    assert document["plan"]["fields"] == {"direction_band_deg": 2.0}
     start, end = document["evaluations"]
     assert start["done"] == 0
     assert end["done"] == document["done"] >= 20_000
@@ -606,3 +610,5 @@ def test_gcbc_and_then_ppo_names_its_demonstrator(small_set: Dataset, tmp_path: 
 def test_what_is_judged_is_the_scenario_that_is_trained() -> None:
     environments = make_environments(Setting("hard"), 4)
     assert environments.venv.task == Scenario(TASKS["hard"].task).task
+    variant = make_environments(Setting("hard"), 4, direction_band_deg=1)
+    assert variant.venv.task == make_task(TASKS["hard"].task, direction_band_deg=1)

@@ -58,7 +58,7 @@ def train_irpo(
         updated = _update(setting, folder / f"{k}-set", dataset, k, improved / BEST_POLICY, grid)
         dataset = _mirror(setting, folder / f"{k}-set-mirrored", updated, k, grid)
         iterations.append(
-            {name: {"best": document["best"], "wall_s": document["wall_s"]} for name, document in trained.items()}
+            {stage: {"best": document["best"], "wall_s": document["wall_s"]} for stage, document in trained.items()}
             | {"set": _described(updated), "mirrored": _described(dataset)}
         )
         write_json(folder / SUMMARY, {"iterations": iterations})

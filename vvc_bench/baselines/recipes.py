@@ -1,8 +1,8 @@
 """The baselines by name: from a task, a set of demonstrations and a configuration to a trained policy in a folder."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +55,7 @@ class Setting:
         threads: of PyTorch, of the aircraft and of evaluations.
         between: seconds between two checkpoints, at least.
         progress: makes a line of a label and a unit.
+        fields: of the task, by column name (`vvc_bench.tasks.make_task`), for PPO and SAC to learn on a variant of it.
     """
 
     task: str
@@ -63,6 +64,7 @@ class Setting:
     threads: int = 1
     between: float = 120.0
     progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = _silent
+    fields: Mapping[str, Any] = field(default_factory=dict)
 
     def run(self, plan: Plan, folder: Path, make_learner: Callable[[], Learner], unit: str) -> dict[str, Any]:
         """Train with a line that says how far it has come."""
@@ -134,10 +136,11 @@ def train_ppo(
     demonstrator = None if cloned is None else weights(cloned)
     known = None if demonstrator is None else {"sha256": weights_sha256(demonstrator)}
     algorithm = "ppo" if cloned is None else "gcbc-ppo"
-    plan = _plan(algorithm, setting, name, configuration, demonstrator=known, curriculum=curriculum)
+    origins = {"demonstrator": known, "curriculum": curriculum, "fields": setting.fields}
+    plan = _plan(algorithm, setting, name, configuration, **origins)
 
     def make() -> Improving:
-        environments = make_environments(setting, configuration.environments, curriculum)
+        environments = make_environments(setting, configuration.environments, curriculum, **setting.fields)
         shown = None if demonstrator is None else _policy_with(demonstrator, configuration.hidden)
         return Improving(environments, configuration, setting.seed, shown)
 
@@ -149,8 +152,8 @@ def train_sac(
 ) -> dict[str, Any]:
     """Learn by SAC, or SAC with hindsight. Arguments, result and errors as for `train_ppo`."""
     algorithm = "sac-her" if configuration.hindsight else "sac"
-    plan = _plan(algorithm, setting, name, configuration, curriculum=curriculum)
-    fields = _HINDSIGHT if configuration.hindsight else {}
+    fields = {**setting.fields, **(_HINDSIGHT if configuration.hindsight else {})}
+    plan = _plan(algorithm, setting, name, configuration, curriculum=curriculum, fields=fields)
 
     def make() -> SoftActorCritic:
         environments = make_environments(setting, configuration.environments, curriculum, **fields)

@@ -16,7 +16,7 @@ import importlib.util
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -87,6 +87,7 @@ class Plan:
         demonstrations: ``name`` and ``hash`` of a set, or None.
         demonstrator: ``sha256`` of the weights that it begins from, or None.
         curriculum: a name, or None.
+        fields: of the task, where it learns on a variant of it; it is judged on the task itself.
         evaluations: how often it is judged on the way, evenly spread, besides the start.
     """
 
@@ -98,6 +99,7 @@ class Plan:
     demonstrations: Mapping[str, str] | None = None
     demonstrator: Mapping[str, str] | None = None
     curriculum: str | None = None
+    fields: Mapping[str, Any] = field(default_factory=dict)
     evaluations: int = 10
 
     def to_json(self) -> dict[str, Any]:

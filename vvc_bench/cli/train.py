@@ -9,7 +9,7 @@ from vvc_bench.baselines.configurations import CONFIGURATIONS, STAGED, StagedCon
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.policies.agent import import_extra
-from vvc_bench.tasks import TASKS
+from vvc_bench.tasks import TASKS, make_task
 
 ALGORITHMS = (*CONFIGURATIONS, *STAGED)
 CURRICULA = ("rig", "discern", "mega")
@@ -34,6 +34,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=10,
         help="on the task's validation goals, on the way (default: %(default)s)",
     )
+    parser.add_argument(
+        "--set",
+        type=_field,
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="learn by PPO or SAC on a variant of the task, as --set direction_band_deg=1; may be given several times",
+    )
     parser.add_argument("--threads", type=_count, default=1, help="at most so many (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
@@ -57,7 +65,14 @@ def run(options: argparse.Namespace) -> int:
 def _train(options: argparse.Namespace) -> dict[str, Any]:
     from vvc_bench.baselines import irpo, recipes
 
-    setting = recipes.Setting(options.task, options.seed, options.evaluations, options.threads, progress=progress_line)
+    setting = recipes.Setting(
+        options.task,
+        options.seed,
+        options.evaluations,
+        options.threads,
+        progress=progress_line,
+        fields=dict(options.set),
+    )
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
         case "ppo":
@@ -100,12 +115,14 @@ def _check(options: argparse.Namespace) -> None:
         "--epochs": not clones and options.epochs,
         "--steps": options.algorithm == "gcbc" and options.steps,
         "--curriculum": clones and options.curriculum,
+        "--set": options.algorithm == "gcbc" and options.set,
     }
     for option, given in wrong.items():
         if given:
             raise ValueError(f"{option} means nothing to {options.algorithm}; leave it out")
     if options.seed < 0:
         raise ValueError(f"--seed must not be negative, got {options.seed}")
+    make_task(TASKS[options.task].task, **dict(options.set))
 
 
 def _count(text: str) -> int:
@@ -117,6 +134,17 @@ def _count(text: str) -> int:
     if not (1 <= value < 1e15 and value == int(value)):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
     return int(value)
+
+
+def _field(text: str) -> tuple[str, float | str]:
+    """A field of the task by column name, and its value: a number, or a name as ``sparse``."""
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise argparse.ArgumentTypeError(f"must be FIELD=VALUE, as direction_band_deg=1, got {text!r}")
+    try:
+        return name, float(value)
+    except ValueError:
+        return name, value
 
 
 def _configurations() -> str:
