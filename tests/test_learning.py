@@ -71,7 +71,7 @@ BOUNDS: Any = WHERE.action
 SILENT = Logger(None, [])
 EASY = UniformBox((195.0, -5.0, -10.0), (205.0, 5.0, 10.0))
 
-TINY_PPO = PPO_SMALL._replace(environments=16, steps_of_a_rollout=32, batch_size=256, epochs=2, steps=1024)
+TINY_PPO = PPO_SMALL._replace(environments=16, steps_of_a_rollout=32, batch_size=256, epochs=2, steps=5000)
 TINY_SAC = SAC_SMALL._replace(environments=4, batch_size=32, learning_starts=200, buffer_size=20_000, gradient_steps=1)
 
 
