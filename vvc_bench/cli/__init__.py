@@ -20,6 +20,7 @@ COMMANDS = {
     "fly": "fly one flight to a goal and write it to files",
     "datasets": "make, fetch, measure and check demonstration sets",
     "best": "show the shortest known flight to each goal, and hand in shorter ones",
+    "train": "train a baseline, or go on with a training",
     "evaluate": "fly policies to every goal of a protocol and keep the results",
     "compare": "compare evaluations of the same protocol goal by goal",
     "report": "write evaluations as one page with pictures",

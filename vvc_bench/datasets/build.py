@@ -11,17 +11,17 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Searched, Specification, goals_flown
+from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Searched, Specification, Updated, goals_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.folders import locked
-from vvc_bench.datasets.merge import update
+from vvc_bench.datasets.merge import Update, update
 from vvc_bench.datasets.mirror import mirror, mirror_and_fly
 from vvc_bench.datasets.searching import search_plans
 from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, write_dataset
 from vvc_bench.experts.laws import Figures, make_pilot
 from vvc_bench.jit import source_hash
 from vvc_bench.metrics import summary
-from vvc_bench.rollout import Episodes, concatenate, fly_law
+from vvc_bench.rollout import Episodes, Policy, concatenate, fly_law, fly_policy
 from vvc_bench.sim.task import Task
 from vvc_bench.tasks import termination
 
@@ -100,8 +100,8 @@ def build_dataset(
     match specification.recipe:
         case FlownByLaw() | Searched():
             return _build_flown(specification, folder, threads, shards, engine, progress)
-        case Mirrored(parent, resimulate):
-            return _build_mirrored(specification, folder, find_parent(parent), resimulate, threads)
+        case Mirrored(parent, _):
+            return add_mirror_image(specification, folder, find_parent(parent), goals_flown(parent), threads=threads)
     raise ValueError(f"{specification.name} cannot be built: {specification.summary}")
 
 
@@ -179,22 +179,79 @@ def _join(shards: Sequence[_Shard], folder: Path, goals: NDArray[np.float64], re
     _write(shards[0].specification, folder, episodes, goals, dict(sorted(events.items())), report, {})
 
 
-def _build_mirrored(
-    specification: Specification, folder: Path, parent: Dataset, resimulate: bool, threads: int | None
+def add_mirror_image(
+    specification: Specification,
+    folder: Path,
+    parent: Dataset,
+    goals: NDArray[np.float64],
+    *,
+    threads: int | None = None,
 ) -> Path:
+    """Make a set of another one and its mirror image; of two flights to one goal the shorter is kept.
+
+    Args:
+        specification: its recipe is `Mirrored`.
+        folder: where; replaced if it exists.
+        parent: the other set.
+        goals: all that were flown, shape (K, 3), in outside units.
+        threads: at most so many.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    assert isinstance(specification.recipe, Mirrored)
     original = parent.read()
-    image = mirror_and_fly(original, threads) if resimulate else mirror(original)
+    image = mirror_and_fly(original, threads) if specification.recipe.resimulate else mirror(original)
     updated = update(original, image)
-    report = {
-        "mirrored": len(original),
-        "reached": updated.offered,
-        "new_goals": updated.new,
-        "shorter": updated.shorter,
-    }
-    goals = goals_flown(parent.name)
-    parents = {parent.name: parent.hash}
-    _write(specification, folder, updated.episodes, goals, {}, {"mirror": report}, parents)
+    report = {"mirrored": len(original), **_kept(updated)}
+    _write(specification, folder, updated.episodes, goals, {}, {"mirror": report}, {parent.name: parent.hash})
     return folder
+
+
+def update_by_policy(
+    specification: Specification,
+    folder: Path,
+    parent: Dataset,
+    policy: Policy,
+    *,
+    threads: int | None = None,
+    progress: Progress = lambda done, goals: None,  # noqa: ARG005
+) -> Path:
+    """Make a set of another one after a policy has flown every goal under its rules: what is new or shorter is taken.
+
+    Args:
+        specification: its recipe is `Updated`; what it says of the policy becomes the source of its flights.
+        folder: where; replaced if it exists.
+        parent: the other set.
+        policy: from observations to actions, without memory.
+        threads: at most so many.
+        progress: told how many goals were flown.
+
+    Raises:
+        ValueError: for actions of another shape, or NaN.
+        OSError: if it cannot be written.
+    """
+    assert isinstance(specification.recipe, Updated)
+    goals, done = specification.recipe.grid.goals, 0
+
+    def count(flown: int) -> None:
+        nonlocal done
+        done += flown
+        progress(done, len(goals))
+
+    source = f"{specification.name}/{specification.recipe.policy}"
+    flown = fly_policy(
+        parent.scenario, goals, policy, seeds=specification.seed, source=source, threads=threads, progress=count
+    )
+    updated = update(parent.read(), flown.episodes)
+    events = _count_events(parent.scenario.task, flown.last_events)
+    report, parents = {"update": _kept(updated)}, {parent.name: parent.hash}
+    _write(specification, folder, updated.episodes, goals, events, report, parents)
+    return folder
+
+
+def _kept(updated: Update) -> dict[str, int]:
+    return {"reached": updated.offered, "new_goals": updated.new, "shorter": updated.shorter}
 
 
 def _write(

@@ -251,8 +251,8 @@ CATALOGUE = {
 """Every set by name."""
 
 
-def goals_flown(name: str) -> NDArray[np.float64]:
-    """All goals that the oldest ancestor of a set was flown to, shape (K, 3): coverage is a share of them.
+def grid_flown(name: str) -> GoalGrid:
+    """The grid that the oldest ancestor of a set was flown to.
 
     Raises:
         ValueError: for an unknown or reserved name.
@@ -262,9 +262,18 @@ def goals_flown(name: str) -> NDArray[np.float64]:
         case None:
             raise ValueError(f"{name} is reserved; it has no recipe yet")
         case Mirrored(parent, _):
-            return goals_flown(parent)
+            return grid_flown(parent)
         case _:
-            return recipe.grid.goals
+            return recipe.grid
+
+
+def goals_flown(name: str) -> NDArray[np.float64]:
+    """All goals of `grid_flown`, shape (K, 3): coverage is a share of them.
+
+    Raises:
+        ValueError: for an unknown or reserved name.
+    """
+    return grid_flown(name).goals
 
 
 def named_specification(name: str) -> Specification:

@@ -134,6 +134,12 @@ class _Graph:
         self.constants.append(self.onnx.numpy_helper.from_array(array, name))
         return name
 
+    def column(self, name: str, k: int) -> str:
+        """One column of a table, shape (B, 1)."""
+        index = f"constant_{len(self.constants)}"
+        self.constants.append(self.onnx.numpy_helper.from_array(np.array([k], dtype=np.int64), index))
+        return self.add("Gather", name, index, axis=1)
+
     def scaled(self, name: str, scale: NDArray[Any], offset: NDArray[Any]) -> str:
         """``scale · x + offset``; nothing where that changes nothing."""
         if (scale == 1.0).all() and (offset == 0.0).all():
@@ -141,7 +147,9 @@ class _Graph:
         return self.add("Add", self.add("Mul", name, self.constant(scale)), self.constant(offset))
 
     def layer(self, name: str, layer: Any) -> str:
-        """One layer of PyTorch's."""
+        """One layer of PyTorch's, or one that says itself how it is computed."""
+        if hasattr(layer, "add_to_graph"):
+            return str(layer.add_to_graph(self, name))
         kind = type(layer).__name__
         if kind == "Linear":
             weights = [self.constant(each.detach().cpu().numpy()) for each in (layer.weight, layer.bias)]

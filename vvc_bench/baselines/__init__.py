@@ -1,0 +1,1 @@
+"""Learners: thin layers over Stable-Baselines3 and imitation (extra ``train``)."""

@@ -1,0 +1,189 @@
+"""What learners are trained with, as values named after where the figures come from.
+
+``released`` is what the paper's authors released: the configuration files of their public repository
+``GongXudong/fly-craft-examples`` (``configs/train/IRPO``, ``configs/train/VVCGym``) and its scripts
+(``train_scripts/train_with_rl_ppo.py``). Of the paper's Table 7 only this much is repeated here: networks of 128×128
+with Tanh and a batch of 4,096 for GCBC (7a), which is also what was released. Where the paper's tables and the released
+files are known to differ, a comment says so. The other names are ours.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple, TypeAlias, TypeVar
+
+HIDDEN = (128, 128)
+"""Widths of the hidden layers, of policy and value function each; Tanh between them."""
+
+
+class CloningConfiguration(NamedTuple):
+    """Behavioural cloning."""
+
+    epochs: int = 300
+    batch_size: int = 4096
+    learning_rate: float = 1e-3
+    """Adam's, in the library."""
+    entropy_weight: float = 1e-2
+    l2_weight: float = 0.0
+    hidden: tuple[int, ...] = HIDDEN
+
+
+class PpoConfiguration(NamedTuple):
+    """Proximal policy optimisation."""
+
+    steps: int = 200_000_000
+    """After the warm-up."""
+    environments: int = 64
+    steps_of_a_rollout: int = 2048
+    """Of each environment."""
+    batch_size: int = 4096
+    epochs: int = 5
+    discount: float = 0.995
+    learning_rate: float = 3e-4
+    """At the start; it falls linearly to 0, in the released runs and not in the paper's table."""
+    entropy_weight: float = 0.0
+    """0 in the released runs and not in the paper's table."""
+    clip_range: float = 0.2
+    advantage_smoothing: float = 0.95
+    """λ of generalised advantages; the library's."""
+    state_dependent_exploration: bool = True
+    """From nothing; a demonstrator brings its own exploration."""
+    demonstrator_penalty: float = 0.0
+    """Weight of KL(demonstrator ‖ policy), mean over batch and action components; 0 for plain fine-tuning."""
+    warm_up_steps: int = 0
+    """Steps before the others, in which only the value function learns."""
+    hidden: tuple[int, ...] = HIDDEN
+
+
+class SacConfiguration(NamedTuple):
+    """Soft actor-critic."""
+
+    steps: int = 1_000_000
+    environments: int = 1
+    batch_size: int = 1024
+    buffer_size: int = 200_000
+    learning_starts: int = 10_240
+    discount: float = 0.995
+    learning_rate: float = 3e-4
+    gradient_steps: int = 1
+    """After each step of the environments."""
+    first_entropy_weight: float = 1.0
+    """It is learned from there; the library's."""
+    hindsight: bool = False
+    """With it rewards follow from goals alone: −1 until the goal is reached, by one report."""
+    hidden: tuple[int, ...] = HIDDEN
+
+
+Configuration: TypeAlias = CloningConfiguration | PpoConfiguration | SacConfiguration
+Chosen = TypeVar("Chosen", CloningConfiguration, PpoConfiguration, SacConfiguration)
+
+GCBC_RELEASED = CloningConfiguration()
+GCBC_SMALL = CloningConfiguration(epochs=20, batch_size=1024)
+PPO_RELEASED = PpoConfiguration()
+PPO_FAST = PpoConfiguration(
+    steps=50_000_000,
+    environments=1024,
+    steps_of_a_rollout=128,
+    batch_size=16_384,
+    state_dependent_exploration=False,
+)
+"""As many steps between two updates with more aircraft, and larger batches, for few cores."""
+PPO_SMALL = PPO_FAST._replace(steps=1_000_000, environments=64, batch_size=2048, learning_rate=1e-3, discount=0.98)
+"""For an easy task."""
+IRPO_1_RELEASED = PpoConfiguration(demonstrator_penalty=1e-3, warm_up_steps=20_000_000)
+IRPO_2_RELEASED = IRPO_1_RELEASED._replace(demonstrator_penalty=1e-1)
+IRPO_3_RELEASED = IRPO_2_RELEASED._replace(steps=500_000_000, hidden=(256, 256, 128, 128, 64))
+"""From the third iteration on the released networks are deeper, and trained for longer."""
+SAC_RELEASED = SacConfiguration()
+SAC_SMALL = SacConfiguration(
+    steps=20_000,
+    environments=16,
+    batch_size=256,
+    learning_starts=1600,
+    discount=0.95,
+    learning_rate=1e-3,
+    gradient_steps=8,
+    first_entropy_weight=0.05,
+)
+
+
+def _from_demonstrator(configuration: PpoConfiguration, like: PpoConfiguration) -> PpoConfiguration:
+    """A configuration with the warm-up, in the same share of the steps, and the penalty of another."""
+    share = like.warm_up_steps / like.steps
+    return configuration._replace(
+        demonstrator_penalty=like.demonstrator_penalty, warm_up_steps=round(configuration.steps * share)
+    )
+
+
+CONFIGURATIONS: Mapping[str, Mapping[str, Configuration]] = MappingProxyType(
+    {
+        "gcbc": {"released": GCBC_RELEASED, "small": GCBC_SMALL},
+        "ppo": {"released": PPO_RELEASED, "fast": PPO_FAST, "small": PPO_SMALL},
+        "sac": {"released": SAC_RELEASED, "small": SAC_SMALL},
+        "sac-her": {
+            "released": SAC_RELEASED._replace(hindsight=True),
+            "small": SAC_SMALL._replace(hindsight=True),
+        },
+    }
+)
+"""By algorithm and name: those of one stage."""
+
+
+class StagedConfiguration(NamedTuple):
+    """GCBC and then PPO, once or, for IRPO, again and again; cloned are networks as those of the PPO that follows."""
+
+    cloning: CloningConfiguration
+    improving: tuple[PpoConfiguration, ...]
+    """One for each iteration."""
+
+
+def _staged(cloning: CloningConfiguration, *improving: PpoConfiguration) -> StagedConfiguration:
+    return StagedConfiguration(cloning, improving)
+
+
+def _alike(cloning: CloningConfiguration, improving: PpoConfiguration) -> StagedConfiguration:
+    """Three iterations of the same, but for the weight of the penalty."""
+    iterations = (IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_2_RELEASED)
+    return StagedConfiguration(cloning, tuple(_from_demonstrator(improving, like) for like in iterations))
+
+
+_GCBC_FAST = GCBC_RELEASED._replace(epochs=100)
+
+STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
+    {
+        "gcbc-ppo": {
+            "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED),
+            "released-without-penalty": _staged(GCBC_RELEASED, IRPO_1_RELEASED._replace(demonstrator_penalty=0.0)),
+            "fast": _staged(_GCBC_FAST, _from_demonstrator(PPO_FAST, IRPO_1_RELEASED)),
+            "small": _staged(GCBC_SMALL, _from_demonstrator(PPO_SMALL, IRPO_1_RELEASED)),
+        },
+        "irpo": {
+            "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_3_RELEASED),
+            "fast": _alike(_GCBC_FAST, PPO_FAST),
+            "small": _alike(GCBC_SMALL, PPO_SMALL),
+        },
+    }
+)
+"""By algorithm and name: those that begin with GCBC."""
+
+
+def with_amount(configuration: Chosen, amount: int) -> Chosen:
+    """The same for so many epochs or steps; a warm-up keeps its share.
+
+    Raises:
+        ValueError: for less than one.
+    """
+    if amount < 1:
+        raise ValueError(f"a training takes at least one epoch or step, got {amount}")
+    if isinstance(configuration, CloningConfiguration):
+        return configuration._replace(epochs=amount)
+    if isinstance(configuration, SacConfiguration):
+        return configuration._replace(steps=amount)
+    return _from_demonstrator(configuration._replace(steps=amount), configuration)
+
+
+def amount_of(configuration: Configuration) -> int:
+    """Epochs, or steps with the warm-up."""
+    if isinstance(configuration, CloningConfiguration):
+        return configuration.epochs
+    warm_up = configuration.warm_up_steps if isinstance(configuration, PpoConfiguration) else 0
+    return configuration.steps + warm_up
