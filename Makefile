@@ -19,8 +19,8 @@ quickstart: $(VENV)/base ## Fly to a goal (files in flights/), build the demonst
 test: $(VENV)/dev ## Run the tests (a few minutes)
 	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow"
 
-test-slow: $(VENV)/dev ## Run the slow tests too
-	$(BIN)/python -m pytest -n auto --dist loadfile
+test-slow: $(VENV)/dev ## Run the slow tests
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow
 
 test-train: ## Run the tests that take Stable-Baselines3, imitation and Ray, with the Gymnasium these need (6 GB in .venv-train)
 	$(MAKE) VENV=.venv-train train-tests

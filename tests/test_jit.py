@@ -42,6 +42,7 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path / "copy"
 
 
+@pytest.mark.slow
 def test_an_edited_kernel_is_never_served_stale(copy: Path, tmp_path: Path) -> None:
     home = tmp_path / "home"
     before, hits = fly(copy, home)
