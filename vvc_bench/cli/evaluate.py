@@ -11,6 +11,7 @@ from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation import PROTOCOLS, Evaluation, evaluate, named_protocol
 from vvc_bench.policies import Agent, open_agent
+from vvc_bench.policies.built_in import BUILT_IN
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -25,8 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="POLICY",
-        help="pid, pid-table-1, pid-compensated, random, or policy.onnx; with --trust also model.zip, model.pt or "
-        "module:factory",
+        help=f"{', '.join(BUILT_IN)}, or policy.onnx; with --trust also model.zip, model.pt or module:factory",
     )
     parser.add_argument("--protocol", required=True, metavar="NAME", help="what to fly, see below")
     parser.add_argument(

@@ -10,9 +10,10 @@ from vvc_bench.datasets.progress import progress_line
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import list_entries
 from vvc_bench.leaderboard.render import render
-from vvc_bench.leaderboard.submission import BUILT_IN, Erratum
+from vvc_bench.leaderboard.submission import Erratum
 from vvc_bench.leaderboard.submit import About, submit, training_data
 from vvc_bench.leaderboard.verify import Verdict, verify_entry
+from vvc_bench.policies.built_in import BUILT_IN
 
 REFUSED = 1
 """Exit code where an entry is refused, or the pages are not those of the entries."""

@@ -13,15 +13,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from vvc_bench.policies.built_in import LAWS, RANDOM
+from vvc_bench.policies.built_in import BUILT_IN
 
 FORMAT, FORMAT_VERSION = "vvc-bench-submission", 1
 SUBMISSION, POLICY, SUMMARY, EPISODES = "submission.json", "policy.onnx", "summary.json", "episodes.parquet"
 CLAIMED = (SUMMARY, EPISODES)
 """The files of the evaluation that is claimed."""
-
-BUILT_IN = (*LAWS, RANDOM)
-"""Policies that may be entered by name: they come with the package."""
 
 LARGEST_DOCUMENT = 10**6  # bytes of submission.json or summary.json
 MOST_SEEDS = 100

@@ -14,7 +14,6 @@ from vvc_bench.leaderboard import sandbox
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, add_entry, require_free
 from vvc_bench.leaderboard.submission import (
-    BUILT_IN,
     CLAIMED,
     POLICY,
     TIME_FORMAT,
@@ -33,6 +32,7 @@ from vvc_bench.leaderboard.verify import (
     require_packages,
     this_platform,
 )
+from vvc_bench.policies.built_in import BUILT_IN
 from vvc_bench.policies.onnx import LARGEST_FILE
 
 _UNKNOWN = sha256(b"")

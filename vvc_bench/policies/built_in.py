@@ -1,4 +1,4 @@
-"""Policies that come with the package: the guidance law, and chance."""
+"""Policies that come with the package: the laws of its experts, and chance."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -12,12 +12,20 @@ from numpy.typing import NDArray
 from vvc_bench import sim
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.experts.pid import APPENDIX_C, TABLE_1, WEIGHT_COMPENSATED, PidParameters
+from vvc_bench.experts.pursuit import PURSUIT, PursuitParameters
 from vvc_bench.rollout import Policy
 from vvc_bench.rollout.replay import law_actions
 
-LAWS = {"pid": APPENDIX_C, "pid-table-1": TABLE_1, "pid-compensated": WEIGHT_COMPENSATED}
-"""The guidance law's figures by the policy's name."""
+LAWS: dict[str, PidParameters | PursuitParameters] = {
+    "pid": APPENDIX_C,
+    "pid-table-1": TABLE_1,
+    "pid-compensated": WEIGHT_COMPENSATED,
+    "pursuit": PURSUIT,
+}
+"""A law's figures by the policy's name."""
 RANDOM = "random"
+BUILT_IN = (*LAWS, RANDOM)
+"""Names of all of them."""
 
 _DRAWN_AHEAD = 64
 """Steps whose actions an aircraft draws at once: one at a time is slow."""
@@ -25,10 +33,10 @@ _DRAWN_AHEAD = 64
 
 @dataclass(frozen=True)
 class LawAgent:
-    """The guidance law of Appendix C, as it answers to observations: the flights are those of `fly_law`."""
+    """A law as it answers to observations (`vvc_bench.rollout.replay.law_actions`)."""
 
     name: str
-    parameters: PidParameters
+    parameters: PidParameters | PursuitParameters
 
     def begin(self, _seeds: NDArray[np.int64]) -> Policy:
         """The law has no memory and draws nothing."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vvc_bench import sim
 from vvc_bench.policies.agent import Agent
-from vvc_bench.policies.built_in import LAWS, RANDOM, LawAgent, RandomAgent
+from vvc_bench.policies.built_in import BUILT_IN, LAWS, RANDOM, LawAgent, RandomAgent
 from vvc_bench.policies.onnx import open_onnx
 from vvc_bench.policies.trusted import open_python, open_stable_baselines, open_torchscript
 
@@ -17,10 +17,9 @@ def open_agent(policy: str, *, settings: sim.Settings = _DEFAULT_SETTINGS, trust
     """Open a policy.
 
     Args:
-        policy: ``"pid"``, ``"pid-table-1"``, ``"pid-compensated"`` or ``"random"``; the path of an ONNX file
-            (``policy.onnx``), of a Stable-Baselines3 model (``model.zip``) or of a TorchScript module (``model.pt``);
-            or ``"module:factory"``, a function without arguments that returns an `Agent` or a function from
-            observations to actions.
+        policy: one of `vvc_bench.policies.built_in.BUILT_IN`; the path of an ONNX file (``policy.onnx``), of a
+            Stable-Baselines3 model (``model.zip``) or of a TorchScript module (``model.pt``); or ``"module:factory"``,
+            a function without arguments that returns an `Agent` or a function from observations to actions.
         settings: how it will fly, which built-in policies need to know.
         trust: open those that can run any code: all but built-in ones and ONNX.
 
@@ -30,13 +29,13 @@ def open_agent(policy: str, *, settings: sim.Settings = _DEFAULT_SETTINGS, trust
         ImportError: if it takes an extra that is not installed; says which.
     """
     ending = Path(policy).suffix.lower()
-    if policy in LAWS or policy == RANDOM:
+    if policy in BUILT_IN:
         return _built_in(policy, settings)
     if ending == ".onnx":
         return open_onnx(Path(policy))
     if ending not in _TRUSTED and ":" not in policy:
         raise ValueError(
-            f"unknown policy {policy!r}: give one of {', '.join((*LAWS, RANDOM))}, the path of a file that ends with "
+            f"unknown policy {policy!r}: give one of {', '.join(BUILT_IN)}, the path of a file that ends with "
             f".onnx, {' or '.join(_TRUSTED)}, or module:factory"
         )
     if not trust:

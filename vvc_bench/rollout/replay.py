@@ -10,16 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vvc_bench.experts.laws import (
-    RECORDED,
-    Figures,
-    Pilot,
-    make_pilot,
-    read_observation,
-    write_action,
-    write_command,
-)
-from vvc_bench.experts.pid import APPENDIX_C, PidParameters, load_pid, pid_command
+from vvc_bench.experts.laws import RECORDED, Figures, Pilot, make_pilot, write_action
+from vvc_bench.experts.pid import APPENDIX_C, PidParameters
+from vvc_bench.experts.pursuit import PursuitParameters
 from vvc_bench.goals import SCALE, checked_goals
 from vvc_bench.jit import entry_point
 from vvc_bench.rollout.episodes import PER_TRANSITION, Episodes, concatenate
@@ -50,20 +43,25 @@ _ONE_SHARE = 1
 
 @entry_point
 def _law_rows(
+    law: int,
+    law_rows: NDArray[np.float64],
     seen: NDArray[np.float32],
     shown_goals: NDArray[np.float64],
-    parameter_row: NDArray[np.float64],
+    memories: NDArray[np.float64],
     actions: NDArray[np.float32],
 ) -> None:
-    parameters = load_pid(parameter_row, 0)
     for i in range(seen.shape[0]):
-        write_command(pid_command(read_observation(seen, i), load_goal(shown_goals, i), parameters), actions, i)
+        write_action(law, law_rows, 0, seen, i, load_goal(shown_goals, i), memories, 0.0, actions, i)
 
 
 def law_actions(
-    observations: NDArray[np.float32], desired_goals: NDArray[np.float32], parameters: PidParameters = APPENDIX_C
+    observations: NDArray[np.float32],
+    desired_goals: NDArray[np.float32],
+    parameters: PidParameters | PursuitParameters = APPENDIX_C,
 ) -> NDArray[np.float32]:
-    """The guidance law's answer to what is seen, as `fly_law` flies it.
+    """A law's answer to what is seen and nothing else.
+
+    The PID law is flown so by `fly_law` too. There pursuit also minds the task's counters, which nobody sees.
 
     Args:
         observations: shape (B, 8), as environments give them.
@@ -74,9 +72,9 @@ def law_actions(
         Shape (B, 3), in the units of the action space of guidance mode.
     """
     actions = np.empty((len(observations), len(GuidanceCommand._fields)), dtype=np.float32)
-    _law_rows(
-        np.ascontiguousarray(observations), desired_goals / SCALE, np.array([parameters], dtype=np.float64), actions
-    )
+    pilot, nothing = make_pilot(parameters), np.zeros((len(observations), len(Memory._fields)))
+    seen = np.ascontiguousarray(observations)
+    _law_rows(int(pilot.law), pilot.rows, seen, desired_goals / SCALE, nothing, actions)
     return actions
 
 
