@@ -52,7 +52,7 @@ from vvc_bench.baselines.training import (
 )
 from vvc_bench.baselines.unit_actions import UnitActions, from_unit, to_unit, unit_box
 from vvc_bench.cli import main
-from vvc_bench.datasets.catalogue import SAMPLE_GRID
+from vvc_bench.datasets.catalogue import LEARNED, SAMPLE_GRID
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.datasets.store import Description, open_dataset, write_dataset
@@ -579,8 +579,10 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     policy = open_agent(str(tmp_path / "run" / "1-ppo" / BEST_POLICY))
     sha256 = policy.describe()["sha256"]
 
-    flown = fly_policy(dataset.scenario, SAMPLE_GRID.goals, policy.begin(np.zeros(315, dtype=np.int64))).episodes
-    before = dict(zip(map(tuple, dataset.goals.tolist()), dataset.lengths.tolist(), strict=True))
+    begun = fly_under(dataset.read(), LEARNED)
+    assert 0 < len(begun) <= len(dataset)
+    flown = fly_policy(LEARNED, SAMPLE_GRID.goals, policy.begin(np.zeros(315, dtype=np.int64))).episodes
+    before = dict(zip(map(tuple, begun.goals.tolist()), begun.lengths.tolist(), strict=True))
     after = dict(zip(map(tuple, updated.goals.tolist()), updated.lengths.tolist(), strict=True))
     reached = dict(zip(map(tuple, flown.goals.tolist()), flown.lengths.tolist(), strict=True))
     assert after == {goal: min(each.get(goal, 9999) for each in (before, reached)) for goal in before | reached}

@@ -9,7 +9,7 @@ from vvc_bench.baselines.configurations import StagedConfiguration
 from vvc_bench.baselines.recipes import Setting, train_gcbc, train_ppo
 from vvc_bench.baselines.training import BEST_POLICY, write_json
 from vvc_bench.datasets.build import add_mirror_image, update_by_policy
-from vvc_bench.datasets.catalogue import GoalGrid, Mirrored, Specification, Updated, grid_flown
+from vvc_bench.datasets.catalogue import BY_HASH, LEARNED, GoalGrid, Mirrored, Specification, Updated, grid_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.manifest import MANIFEST
 from vvc_bench.datasets.store import open_dataset
@@ -28,9 +28,10 @@ def train_irpo(
     """Iterate. What is done is not done again: each stage is a folder of its own.
 
     Iteration k clones the set before it (``k-gcbc``), improves the best clone by PPO (``k-ppo``), flies the grid with
-    the best policy's deterministic actions under the set's own rules, offers what reaches to the set (``k-set``), and
-    adds its mirror image (``k-set-mirrored``), from which the next begins. The sets name the policy by the SHA-256 of
-    its ONNX file, in their specification and in each flight's source.
+    the best policy's deterministic actions under the rules `LEARNED`, offers what reaches to the set (``k-set``), and
+    adds its mirror image (``k-set-mirrored``), from which the next begins. The set that it all begins from is flown
+    anew under these rules first. The sets name the policy by the SHA-256 of its ONNX file, in their specification and
+    in each flight's source.
 
     Args:
         setting: what all trainings have in common.
@@ -71,8 +72,8 @@ def _update(setting: Setting, folder: Path, parent: Dataset, k: int, policy: Pat
     specification = Specification(
         f"irpo{k}-seed{setting.seed}",
         f"iteration {k} of IRPO from {parent.name}, seed {setting.seed}",
-        parent.scenario,
-        Updated(grid, parent.name, f"sha256:{agent.sha256}"),
+        LEARNED,
+        Updated(grid, parent.name, f"{BY_HASH}{agent.sha256}"),
         setting.seed,
     )
     if not _is_made(folder, specification, parent):

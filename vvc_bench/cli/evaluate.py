@@ -12,6 +12,7 @@ from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation import PROTOCOLS, Evaluation, evaluate, named_protocol
 from vvc_bench.policies import Agent, open_agent
 from vvc_bench.policies.built_in import BUILT_IN
+from vvc_bench.policies.trained import TRAINED
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +27,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         required=True,
         metavar="POLICY",
-        help=f"{', '.join(BUILT_IN)}, or policy.onnx; with --trust also model.zip, model.pt or module:factory",
+        help=f"{', '.join((*BUILT_IN, *TRAINED))}, or policy.onnx; with --trust also model.zip, model.pt or "
+        "module:factory",
     )
     parser.add_argument("--protocol", required=True, metavar="NAME", help="what to fly, see below")
     parser.add_argument(

@@ -11,16 +11,17 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.datasets.catalogue import FlownByLaw, Mirrored, Searched, Specification, Updated, goals_flown
+from vvc_bench.datasets.catalogue import BY_HASH, FlownByLaw, Mirrored, Searched, Specification, Updated, goals_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.folders import locked
 from vvc_bench.datasets.merge import Update, update
-from vvc_bench.datasets.mirror import mirror, mirror_and_fly
+from vvc_bench.datasets.mirror import fly_under, mirror, mirror_and_fly
 from vvc_bench.datasets.searching import search_plans
 from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, write_dataset
 from vvc_bench.experts.laws import Figures, make_pilot
 from vvc_bench.jit import source_hash
 from vvc_bench.metrics import summary
+from vvc_bench.policies.trained import find_trained
 from vvc_bench.rollout import Episodes, Policy, concatenate, fly_law, fly_policy
 from vvc_bench.sim.task import Task
 from vvc_bench.tasks import termination
@@ -94,7 +95,7 @@ def build_dataset(
 
     Raises:
         ValueError: for a reserved name, an impossible number of shards or an unknown engine.
-        ImportError: for Ray without its extra.
+        ImportError: for Ray, or onnxruntime for a policy, without its extra.
         OSError: if it cannot be written.
     """
     match specification.recipe:
@@ -102,6 +103,11 @@ def build_dataset(
             return _build_flown(specification, folder, threads, shards, engine, progress)
         case Mirrored(parent, _):
             return add_mirror_image(specification, folder, find_parent(parent), goals_flown(parent), threads=threads)
+        case Updated(grid, parent, policy):
+            flown = find_trained(policy.removeprefix(BY_HASH)).begin(np.zeros(len(grid.goals), dtype=np.int64))
+            return update_by_policy(
+                specification, folder, find_parent(parent), flown, threads=threads, progress=progress
+            )
     raise ValueError(f"{specification.name} cannot be built: {specification.summary}")
 
 
@@ -217,12 +223,12 @@ def update_by_policy(
     threads: int | None = None,
     progress: Progress = lambda done, goals: None,  # noqa: ARG005
 ) -> Path:
-    """Make a set of another one after a policy has flown every goal under its rules: what is new or shorter is taken.
+    """Make a set of another one after a policy has flown every goal: what is new or shorter is taken.
 
     Args:
         specification: its recipe is `Updated`; what it says of the policy becomes the source of its flights.
         folder: where; replaced if it exists.
-        parent: the other set.
+        parent: the other set; under other rules, its flights are flown anew first, and those that reach are kept.
         policy: from observations to actions, without memory.
         threads: at most so many.
         progress: told how many goals were flown.
@@ -240,11 +246,14 @@ def update_by_policy(
         progress(done, len(goals))
 
     source = f"{specification.name}/{specification.recipe.policy}"
+    scenario, kept = specification.scenario, parent.read()
+    if parent.scenario != scenario:
+        kept = fly_under(kept, scenario, threads)
     flown = fly_policy(
-        parent.scenario, goals, policy, seeds=specification.seed, source=source, threads=threads, progress=count
+        scenario, goals, policy, seeds=specification.seed, source=source, threads=threads, progress=count
     )
-    updated = update(parent.read(), flown.episodes)
-    events = _count_events(parent.scenario.task, flown.last_events)
+    updated = update(kept, flown.episodes)
+    events = _count_events(scenario.task, flown.last_events)
     report, parents = {"update": _kept(updated)}, {parent.name: parent.hash}
     _write(specification, folder, updated.episodes, goals, events, report, parents)
     return folder

@@ -76,6 +76,10 @@ class Updated:
     grid: GoalGrid
     parent: str
     policy: str
+    """`BY_HASH` and the SHA-256 of its ONNX file."""
+
+
+BY_HASH = "sha256:"
 
 
 Recipe: TypeAlias = FlownByLaw | Searched | Mirrored | Updated
@@ -145,6 +149,18 @@ def _kept_by_means(step_limit: int) -> Scenario:
         )
     )
 
+
+LEARNED = Scenario(
+    make_task(
+        TASKS["hard"].task,
+        rules="public_code",
+        direction_band_deg=1.0,
+        terminations=_ENDINGS,
+    )
+)
+"""How the flights of learned policies are kept: means over a second within 10 m/s and 1° between the velocity vectors.
+
+The paper does not say how its own were kept; this is what the accuracies in its Table 1 fit."""
 
 PID, PID_400, HARD = _kept_by_means(1200), _kept_by_means(400), Scenario(TASKS["hard"].task)
 

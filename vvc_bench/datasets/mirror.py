@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from vvc_bench.rollout import Episodes, replay
+from vvc_bench.rollout import Episodes, Scenario, replay
 from vvc_bench.sim.fields import Goal, Observation, State, SurfaceCommand, field_array
 
 MIRRORED = "/mirrored"
@@ -50,6 +50,25 @@ def mirror_and_fly(episodes: Episodes, threads: int | None = None) -> Episodes:
         seeds=episodes.seeds,
         sources=np.char.add(episodes.sources, REFLOWN),
         starts=_mirrored_starts(episodes, command),
+        threads=threads,
+    )
+    return flown.select(flown.reached)
+
+
+def fly_under(episodes: Episodes, scenario: Scenario, threads: int | None = None) -> Episodes:
+    """Recorded commands, flown under other rules: what reaches its goal, to the step where it does.
+
+    A mirrored record becomes a flight of its own by this, and is labelled so.
+    """
+    sources = np.where(is_mirrored(episodes), np.char.replace(episodes.sources, MIRRORED, REFLOWN), episodes.sources)
+    flown = replay(
+        scenario,
+        episodes.goals,
+        episodes.actions,
+        episodes.offsets,
+        seeds=episodes.seeds,
+        sources=sources,
+        starts=episodes.starts,
         threads=threads,
     )
     return flown.select(flown.reached)
