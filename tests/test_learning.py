@@ -54,6 +54,7 @@ from vvc_bench.baselines.unit_actions import UnitActions, from_unit, to_unit, un
 from vvc_bench.cli import main
 from vvc_bench.datasets.catalogue import LEARNED, SAMPLE_GRID
 from vvc_bench.datasets.dataset import Dataset
+from vvc_bench.datasets.mirror import fly_under
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.datasets.store import Description, open_dataset, write_dataset
 from vvc_bench.datasets.transitions import transitions_of
