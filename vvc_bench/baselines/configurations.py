@@ -77,6 +77,7 @@ Configuration: TypeAlias = CloningConfiguration | PpoConfiguration | SacConfigur
 Chosen = TypeVar("Chosen", CloningConfiguration, PpoConfiguration, SacConfiguration)
 
 GCBC_RELEASED = CloningConfiguration()
+GCBC_FAST = GCBC_RELEASED._replace(epochs=100)
 GCBC_SMALL = CloningConfiguration(epochs=20, batch_size=1024)
 PPO_RELEASED = PpoConfiguration()
 PPO_FAST = PpoConfiguration(
@@ -116,7 +117,7 @@ def _from_demonstrator(configuration: PpoConfiguration, like: PpoConfiguration) 
 
 CONFIGURATIONS: Mapping[str, Mapping[str, Configuration]] = MappingProxyType(
     {
-        "gcbc": {"released": GCBC_RELEASED, "small": GCBC_SMALL},
+        "gcbc": {"released": GCBC_RELEASED, "fast": GCBC_FAST, "small": GCBC_SMALL},
         "ppo": {"released": PPO_RELEASED, "fast": PPO_FAST, "small": PPO_SMALL},
         "sac": {"released": SAC_RELEASED, "small": SAC_SMALL},
         "sac-her": {
@@ -146,19 +147,17 @@ def _alike(cloning: CloningConfiguration, improving: PpoConfiguration) -> Staged
     return StagedConfiguration(cloning, tuple(_from_demonstrator(improving, like) for like in iterations))
 
 
-_GCBC_FAST = GCBC_RELEASED._replace(epochs=100)
-
 STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
     {
         "gcbc-ppo": {
             "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED),
             "released-without-penalty": _staged(GCBC_RELEASED, IRPO_1_RELEASED._replace(demonstrator_penalty=0.0)),
-            "fast": _staged(_GCBC_FAST, _from_demonstrator(PPO_FAST, IRPO_1_RELEASED)),
+            "fast": _staged(GCBC_FAST, _from_demonstrator(PPO_FAST, IRPO_1_RELEASED)),
             "small": _staged(GCBC_SMALL, _from_demonstrator(PPO_SMALL, IRPO_1_RELEASED)),
         },
         "irpo": {
             "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_3_RELEASED),
-            "fast": _alike(_GCBC_FAST, PPO_FAST),
+            "fast": _alike(GCBC_FAST, PPO_FAST),
             "small": _alike(GCBC_SMALL, PPO_SMALL),
         },
     }
