@@ -47,6 +47,11 @@ class PpoConfiguration(NamedTuple):
     """λ of generalised advantages; the library's."""
     state_dependent_exploration: bool = True
     """From nothing; a demonstrator brings its own exploration."""
+    first_exploration: float | None = None
+    """Standard deviation of the actions, of ±1, at the start. None for the library's, 1, or the demonstrator's own: a
+    hundredth for clones of something deterministic, too little to find anything better."""
+    reward_scale: float = 1.0
+    """What rewards are multiplied by for the learner: values of some −200 take the value function long to learn."""
     demonstrator_penalty: float = 0.0
     """Weight of KL(demonstrator ‖ policy), mean over batch and action components; 0 for plain fine-tuning."""
     warm_up_steps: int = 0
@@ -84,11 +89,17 @@ PPO_FAST = PpoConfiguration(
     steps=50_000_000,
     environments=1024,
     steps_of_a_rollout=128,
-    batch_size=16_384,
+    epochs=3,
+    learning_rate=1e-3,
+    reward_scale=0.02,
     state_dependent_exploration=False,
 )
-"""As many steps between two updates with more aircraft, and larger batches, for few cores."""
-PPO_SMALL = PPO_FAST._replace(steps=1_000_000, environments=64, batch_size=2048, learning_rate=1e-3, discount=0.98)
+"""For few cores: as many steps between two updates with more aircraft, fewer passes over them at a higher rate. After
+3.7 million steps from nothing 28 % of the hard task's validation goals were reached; with five passes in batches of
+16,384 at a rate of 3e-4 and rewards as they are, in the same time, 3 %."""
+PPO_SMALL = PPO_FAST._replace(
+    steps=1_000_000, environments=64, batch_size=2048, epochs=5, reward_scale=1.0, discount=0.98
+)
 """For an easy task."""
 IRPO_1_RELEASED = PpoConfiguration(demonstrator_penalty=1e-3, warm_up_steps=20_000_000)
 IRPO_2_RELEASED = IRPO_1_RELEASED._replace(demonstrator_penalty=1e-1)
@@ -147,17 +158,19 @@ def _alike(cloning: CloningConfiguration, improving: PpoConfiguration) -> Staged
     return StagedConfiguration(cloning, tuple(_from_demonstrator(improving, like) for like in iterations))
 
 
+_IMPROVING_FAST = PPO_FAST._replace(first_exploration=0.3)
+
 STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
     {
         "gcbc-ppo": {
             "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED),
             "released-without-penalty": _staged(GCBC_RELEASED, IRPO_1_RELEASED._replace(demonstrator_penalty=0.0)),
-            "fast": _staged(GCBC_FAST, _from_demonstrator(PPO_FAST, IRPO_1_RELEASED)),
+            "fast": _staged(GCBC_FAST, _from_demonstrator(_IMPROVING_FAST, IRPO_1_RELEASED)),
             "small": _staged(GCBC_SMALL, _from_demonstrator(PPO_SMALL, IRPO_1_RELEASED)),
         },
         "irpo": {
             "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_3_RELEASED),
-            "fast": _alike(GCBC_FAST, PPO_FAST),
+            "fast": _alike(GCBC_FAST, _IMPROVING_FAST),
             "small": _alike(GCBC_SMALL, PPO_SMALL),
         },
     }

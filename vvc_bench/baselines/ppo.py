@@ -1,5 +1,6 @@
 """PPO from nothing, or from a demonstrator that it may be held near (GCBC+PPO, IRPO)."""
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -82,6 +83,9 @@ class Improving(Reinforcement):
         super().__init__(algorithm, configuration.steps_of_a_rollout)
         if demonstrator is not None:
             _begin_with(self.policy, demonstrator)
+        if configuration.first_exploration is not None:
+            with torch.no_grad():
+                self.policy.log_std.fill_(math.log(configuration.first_exploration))
 
     def advance(self, logger: Logger) -> None:
         """Fly a roll-out and learn from it."""

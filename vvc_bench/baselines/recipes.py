@@ -140,7 +140,9 @@ def train_ppo(
     plan = _plan(algorithm, setting, name, configuration, **origins)
 
     def make() -> Improving:
-        environments = make_environments(setting, configuration.environments, curriculum, **setting.fields)
+        environments = make_environments(
+            setting, configuration.environments, curriculum, configuration.reward_scale, **setting.fields
+        )
         shown = None if demonstrator is None else _policy_with(demonstrator, configuration.hidden)
         return Improving(environments, configuration, setting.seed, shown)
 
@@ -178,13 +180,16 @@ def train_gcbc_ppo(
     }
 
 
-def make_environments(setting: Setting, count: int, curriculum: str | None = None, **fields: object) -> UnitActions:
+def make_environments(
+    setting: Setting, count: int, curriculum: str | None = None, reward_scale: float = 1.0, **fields: object
+) -> UnitActions:
     """Environments to learn in.
 
     Args:
         setting: task, seed and threads.
         count: how many.
         curriculum: one of `CURRICULA`.
+        reward_scale: what rewards are multiplied by.
         **fields: of the task.
 
     Raises:
@@ -198,7 +203,8 @@ def make_environments(setting: Setting, count: int, curriculum: str | None = Non
     return UnitActions(
         VelocityVectorVecEnv(
             ids[setting.task], count, seed=setting.seed, threads=setting.threads, goals=goals, **fields
-        )
+        ),
+        reward_scale,
     )
 
 

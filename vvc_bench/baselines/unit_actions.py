@@ -8,10 +8,16 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 
 class UnitActions(VecEnvWrapper):  # type: ignore[misc]  # whose types are not there without the extra
-    """Actions from −1 to 1 in place of the action space's bounds; what lies beyond is clipped by the aircraft."""
+    """Actions from −1 to 1 in place of the action space's bounds; what lies beyond is clipped by the aircraft.
 
-    def __init__(self, environments: VecEnv) -> None:
+    Args:
+        environments: whose actions.
+        reward_scale: what rewards are multiplied by; returns in the infos are left as they are.
+    """
+
+    def __init__(self, environments: VecEnv, reward_scale: float = 1.0) -> None:
         self.bounds = environments.action_space
+        self._reward_scale = np.float32(reward_scale)
         super().__init__(environments, action_space=unit_box(self.bounds))
 
     def reset(self) -> VecEnvObs:
@@ -24,7 +30,8 @@ class UnitActions(VecEnvWrapper):  # type: ignore[misc]  # whose types are not t
 
     def step_wait(self) -> VecEnvStepReturn:
         """What came of it."""
-        return self.venv.step_wait()
+        observed, rewards, dones, infos = self.venv.step_wait()
+        return observed, rewards * self._reward_scale, dones, infos
 
 
 def unit_box(bounds: spaces.Box) -> spaces.Box:
