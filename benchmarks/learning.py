@@ -131,7 +131,7 @@ def its_loader(flights: Episodes, batches: int) -> Measured:
 
 
 def ppo(make: Callable[[], Any], aircraft: int) -> Measured:
-    configuration = PPO_FAST._replace(environments=aircraft, batch_size=min(16_384, aircraft * STEPS))
+    configuration = PPO_FAST._replace(environments=aircraft, batch_size=min(PPO_FAST.batch_size, aircraft * STEPS))
     learner = Improving(make(), configuration, 0)
 
     def run() -> int:

@@ -7,7 +7,7 @@ import pytest
 
 from vvc_bench.datasets.catalogue import CATALOGUE, PAPER_GRID, PID, SAMPLE_GRID, FlownByLaw, named_specification
 from vvc_bench.datasets.merge import update
-from vvc_bench.datasets.mirror import is_mirrored, mirror, mirror_and_fly
+from vvc_bench.datasets.mirror import REFLOWN, fly_under, is_mirrored, mirror, mirror_and_fly
 from vvc_bench.datasets.verify import difference, fly_again
 from vvc_bench.experts import APPENDIX_C, WEIGHT_COMPENSATED, Goal, pid_command
 from vvc_bench.experts.pid import TABLE_1
@@ -15,6 +15,7 @@ from vvc_bench.goals import SCALE
 from vvc_bench.rollout import Episodes, Scenario, concatenate, fly_law, fly_policy
 from vvc_bench.rollout.episodes import PER_EPISODE, PER_TRANSITION
 from vvc_bench.sim.fields import GuidanceCommand, Observation, columns, field_array
+from vvc_bench.tasks import make_task
 
 GOALS = SAMPLE_GRID.goals
 
@@ -79,6 +80,19 @@ def test_not_every_mirrored_flight_is_one_that_the_aircraft_flies(flown: Episode
     assert fly_again(reflown).passed
     wanted = {tuple(goal) for goal in (flown.goals * [1, 1, -1]).tolist()}
     assert {tuple(goal) for goal in reflown.goals.tolist()} <= wanted
+
+
+def test_under_other_rules_flights_end_where_these_say(flown: Episodes) -> None:
+    both = concatenate([flown, mirror(flown)])
+    stricter = dataclasses.replace(flown.scenario, task=make_task(flown.scenario.task, direction_band_deg=0.5))
+    kept = fly_under(both, stricter)
+    assert 0 < len(kept) < len(both)
+    assert kept.scenario == stricter
+    assert kept.reached.all()
+    assert not is_mirrored(kept).any()
+    assert set(kept.sources.tolist()) == {"pid", f"pid{REFLOWN}"}
+    assert fly_again(kept).passed
+    assert len(fly_under(flown, flown.scenario)) == len(flown)
 
 
 def test_updates_take_what_is_new_or_strictly_shorter(flown: Episodes) -> None:

@@ -1,6 +1,6 @@
 """Figures and tables of docs/near-optimal.md: what the laws reach, what the search finds, and what forbids the rest.
 
-python docs/figures/near_optimal.py    # minutes, and half an hour more where search-v0 is not here yet
+python docs/figures/near_optimal.py    # minutes, and twenty more where search-v0 is not here yet
 """
 
 import tempfile
