@@ -60,7 +60,10 @@ def fly_under(episodes: Episodes, scenario: Scenario, threads: int | None = None
 
     A mirrored record becomes a flight of its own by this, and is labelled so.
     """
-    sources = np.where(is_mirrored(episodes), np.char.replace(episodes.sources, MIRRORED, REFLOWN), episodes.sources)
+    sources = [
+        source.removesuffix(MIRRORED) + REFLOWN if source.endswith(MIRRORED) else source
+        for source in episodes.sources.tolist()
+    ]
     flown = replay(
         scenario,
         episodes.goals,
