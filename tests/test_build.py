@@ -1,5 +1,6 @@
 """Sets made from their specifications: the same bytes, however they are made."""
 
+import dataclasses
 import hashlib
 import signal
 import subprocess
@@ -10,10 +11,10 @@ import numpy as np
 import pytest
 
 from vvc_bench.datasets.build import build_dataset
-from vvc_bench.datasets.catalogue import CATALOGUE, Specification
+from vvc_bench.datasets.catalogue import CATALOGUE, Specification, Updated
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.merge import update
-from vvc_bench.datasets.mirror import mirror
+from vvc_bench.datasets.mirror import fly_under, mirror
 from vvc_bench.datasets.store import open_dataset
 from vvc_bench.datasets.verify import fly_again
 
@@ -131,9 +132,27 @@ def test_over_ray_the_bytes_are_the_same(made: Path, tmp_path: Path) -> None:
         ray.shutdown()
 
 
+def test_a_policy_of_the_package_makes_its_set(made: Path, tmp_path: Path) -> None:
+    sample = CATALOGUE["irpo1-sample-v0"]
+    assert isinstance(sample.recipe, Updated)
+    original = open_dataset(made)
+    build_dataset(CATALOGUE["pid-aug-sample-v0"], tmp_path / "aug", find_parent=lambda _: original)
+    parent = open_dataset(tmp_path / "aug")
+    build_dataset(sample, tmp_path / "irpo", find_parent={"pid-aug-sample-v0": parent}.__getitem__)
+    stored = open_dataset(tmp_path / "irpo")
+    assert stored.manifest["parents"] == {parent.name: parent.hash}
+    flights = stored.where(source=f"irpo1-sample-v0/{sample.recipe.policy}")
+    assert len(flights) > len(stored) / 2
+    assert len(stored) > len(fly_under(parent.read(), sample.scenario))
+    assert fly_again(stored.read()).passed
+
+
 def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"irpo1-v0 cannot be built.*reserved"):
-        make(tmp_path / "x", CATALOGUE["irpo1-v0"])
+    sample = CATALOGUE["irpo1-sample-v0"]
+    assert isinstance(sample.recipe, Updated)
+    other = dataclasses.replace(sample, recipe=dataclasses.replace(sample.recipe, policy="sha256:00"))
+    with pytest.raises(ValueError, match="no policy of the package has the SHA-256 00"):
+        make(tmp_path / "x", other)
     with pytest.raises(ValueError, match="shards must be 1 to 315, the number of goals; got 0"):
         make(tmp_path / "x", shards=0)
     with pytest.raises(ValueError, match="engine must be one of local, ray; got 'slurm'"):

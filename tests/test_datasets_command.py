@@ -95,7 +95,6 @@ def test_the_card_is_one_page_and_pictures(home: Path, tmp_path: Path) -> None:
     [
         (("info", "pid-v9"), "unknown dataset 'pid-v9'; did you mean"),
         (("info", "../secrets"), "no dataset"),
-        (("build", "irpo1-v0"), "reserved"),
         (("build", SAMPLE, "--shards", "0"), "must be at least 1"),
         (("build", SAMPLE, "--engine", "slurm"), "invalid choice"),
         (("export", SAMPLE, "--format", "hdf5", "--output", "x"), "invalid choice"),

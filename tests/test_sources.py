@@ -147,9 +147,7 @@ def test_a_mirror_that_has_none_of_that_name_is_named(server: Server, home: Path
     assert not list((home / "datasets").glob("[!.]*"))
 
 
-def test_reserved_names_say_so() -> None:
-    with pytest.raises(ValueError, match=r"irpo1-v0 has no recipe yet.*the paper's set of its kind is openml-46012"):
-        load_dataset("irpo1-v0")
+def test_a_set_that_stands_for_none_of_the_papers_says_so() -> None:
     with pytest.raises(ValueError, match="pid400-v0 stands for no set on OpenML"):
         load_dataset("pid400-v0", source="openml")
 

@@ -130,7 +130,7 @@ def _cell(value: Any, digits: int = 0) -> str:
 
 
 def _build_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("set", help=f"one of {', '.join(name for name, each in CATALOGUE.items() if each.recipe)}")
+    parser.add_argument("set", help=f"one of {', '.join(CATALOGUE)}")
     parser.add_argument("--output", type=Path, metavar="FOLDER", help="where (default: among the local copies)")
     parser.add_argument("--threads", type=_positive, help="at most so many for a shard (default: all cores)")
     parser.add_argument("--shards", type=_positive, help="parts of the grid (default: one for every 4,096 goals)")

@@ -94,7 +94,7 @@ def build_dataset(
         The folder.
 
     Raises:
-        ValueError: for a reserved name, an impossible number of shards or an unknown engine.
+        ValueError: for an impossible number of shards, an unknown engine, or a policy that the package does not have.
         ImportError: for Ray, or onnxruntime for a policy, without its extra.
         OSError: if it cannot be written.
     """
@@ -108,7 +108,6 @@ def build_dataset(
             return update_by_policy(
                 specification, folder, find_parent(parent), flown, threads=threads, progress=progress
             )
-    raise ValueError(f"{specification.name} cannot be built: {specification.summary}")
 
 
 def _build_flown(

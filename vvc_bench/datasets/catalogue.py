@@ -99,8 +99,7 @@ class Specification:
     name: str
     summary: str
     scenario: Scenario
-    recipe: Recipe | None
-    """None for a name that is reserved."""
+    recipe: Recipe
     seed: int = 0
     published: Published | None = None
 
@@ -109,10 +108,8 @@ class Specification:
         return {"name": self.name, "summary": self.summary, "seed": self.seed, "recipe": _recipe_to_json(self.recipe)}
 
 
-def _recipe_to_json(recipe: Recipe | None) -> dict[str, Any] | None:
+def _recipe_to_json(recipe: Recipe) -> dict[str, Any]:
     match recipe:
-        case None:
-            return None
         case FlownByLaw(grid, parameters):
             kind = "flown_by_law" if isinstance(parameters, PidParameters) else "flown_by_pursuit"
             return {"kind": kind, "grid": _grid_to_json(grid), "parameters": parameters._asdict()}
@@ -167,6 +164,19 @@ PID, PID_400, HARD = _kept_by_means(1200), _kept_by_means(400), Scenario(TASKS["
 SEARCH = Budget(sweeps=18, generations=1, population=16)
 SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patience=1.3)
 """Of the sets with one flight to a goal, and with several."""
+
+_IRPO_POLICIES = {
+    1: "",
+    2: "",
+    3: "",
+}
+"""Iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
+
+
+def _before_irpo(k: int) -> str:
+    """The set that iteration k begins from."""
+    return "pid-aug-v0" if k == 1 else f"irpo{k - 1}-aug-v0"
+
 
 CATALOGUE = {
     specification.name: specification
@@ -250,17 +260,29 @@ CATALOGUE = {
         ),
         *(
             Specification(
-                f"irpo{k}{suffix}-v0",
-                f"iteration {k} of IRPO{', and its mirror image' if suffix else ''}: reserved",
-                HARD,
-                None,
-                published=Published(f"D_E^{k}{', augmented' if suffix else ''}", openml_id),
+                f"irpo{k}-v0",
+                f"{_before_irpo(k)} after the policy of IRPO's iteration {k} has flown the grid",
+                LEARNED,
+                Updated(PAPER_GRID, _before_irpo(k), f"{BY_HASH}{sha256}"),
+                published=Published(f"D_E^{k}", 46010 + 2 * k),
             )
-            for k, suffix, openml_id in (
-                *((1, "", 46012), (1, "-aug", 46013)),
-                *((2, "", 46014), (2, "-aug", 46015)),
-                *((3, "", 46016), (3, "-aug", 46017)),
+            for k, sha256 in _IRPO_POLICIES.items()
+        ),
+        *(
+            Specification(
+                f"irpo{k}-aug-v0",
+                f"irpo{k}-v0 and its mirror image",
+                LEARNED,
+                Mirrored(f"irpo{k}-v0", resimulate=False),
+                published=Published(f"D_E^{k}, augmented", 46011 + 2 * k),
             )
+            for k in _IRPO_POLICIES
+        ),
+        Specification(
+            "irpo1-sample-v0",
+            "315 goals of irpo1-v0, for tests and tutorials",
+            LEARNED,
+            Updated(SAMPLE_GRID, "pid-aug-sample-v0", f"{BY_HASH}{_IRPO_POLICIES[1]}"),
         ),
     )
 }
@@ -271,23 +293,17 @@ def grid_flown(name: str) -> GoalGrid:
     """The grid that the oldest ancestor of a set was flown to.
 
     Raises:
-        ValueError: for an unknown or reserved name.
+        ValueError: for an unknown name.
     """
     recipe = named_specification(name).recipe
-    match recipe:
-        case None:
-            raise ValueError(f"{name} is reserved; it has no recipe yet")
-        case Mirrored(parent, _):
-            return grid_flown(parent)
-        case _:
-            return recipe.grid
+    return grid_flown(recipe.parent) if isinstance(recipe, Mirrored) else recipe.grid
 
 
 def goals_flown(name: str) -> NDArray[np.float64]:
     """All goals of `grid_flown`, shape (K, 3): coverage is a share of them.
 
     Raises:
-        ValueError: for an unknown or reserved name.
+        ValueError: for an unknown name.
     """
     return grid_flown(name).goals
 

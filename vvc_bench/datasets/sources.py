@@ -140,7 +140,7 @@ def _ways(name: str, source: str | None, offline: bool, progress: bool) -> list[
     mirror = os.environ.get("VVC_BENCH_MIRROR") if source is None else source
     possible: list[_Way] = []
     specification = CATALOGUE.get(name)
-    if source in (None, BUILD) and specification is not None and specification.recipe is not None:
+    if source in (None, BUILD) and specification is not None:
         possible.append(_building(specification, offline, progress))
     if mirror and source not in (BUILD, OPENML):
         possible.append(_fetching(mirror, name, progress))
@@ -154,17 +154,12 @@ def _ways(name: str, source: str | None, offline: bool, progress: bool) -> list[
 
 def _nowhere(name: str, forbidden: list[_Way]) -> Exception:
     """What to say when there is no way to a dataset, or only such as need the network and must not use it."""
-    specification = CATALOGUE.get(name)
     if forbidden:
         return OSError(
             f"{name} is not on this machine, and the network is not to be used (VVC_BENCH_OFFLINE); "
             f"without that it would come from {' or '.join(way.label for way in forbidden)}"
         )
-    if specification is None:
-        return ValueError(_unknown(name, []))
-    published = specification.published
-    hint = f"; the paper's set of its kind is openml-{published.openml_id}" if published else ""
-    return ValueError(f"{name} has no recipe yet, and there is no mirror to ask (VVC_BENCH_MIRROR){hint}")
+    return ValueError(_unknown(name, []))
 
 
 def _unknown(name: str, asked: list[str]) -> str:
