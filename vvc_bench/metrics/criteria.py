@@ -73,7 +73,8 @@ def _last_errors(episodes: Episodes, reports: int) -> NDArray[np.float64]:
         np.ascontiguousarray(episodes.goals / SCALE),
         errors,
     )
-    return errors * np.array([1.0, DEGREES_PER_RADIAN])
+    errors[..., 1] *= DEGREES_PER_RADIAN
+    return errors
 
 
 @entry_point

@@ -14,7 +14,10 @@ from vvc_bench.baselines.configurations import CloningConfiguration, PpoConfigur
 from vvc_bench.baselines.training import BEST_POLICY, TRAINING, read_training
 from vvc_bench.evaluation import Evaluation, Protocol, evaluate, named_protocol, read_evaluation
 from vvc_bench.evaluation.aggregate import aggregate
+from vvc_bench.evaluation.columns import SUCCESS
+from vvc_bench.evaluation.comparison import success_rate
 from vvc_bench.evaluation.evaluate import SUMMARY
+from vvc_bench.evaluation.methods import protocol_hash
 from vvc_bench.metrics import Estimate
 from vvc_bench.metrics.documents import plain
 from vvc_bench.policies import Agent, open_agent
@@ -179,19 +182,14 @@ def _evaluated(agent: Agent, label: str, protocol: Protocol, folder: Path, place
 
 
 def _is_of(evaluation: Evaluation, agent: Agent, protocol: Protocol) -> bool:
-    summary = evaluation.summary
-    return (
-        summary["policy"] == agent.describe()
-        and summary["protocol"]["hash"] == protocol.hash
-        and summary["versions"] == {"vvc_bench": __version__}
-    )
+    known = (evaluation.summary["policy"], protocol_hash(evaluation), evaluation.summary["versions"])
+    return known == (agent.describe(), protocol.hash, {"vvc_bench": __version__})
 
 
 def _result(evaluations: Sequence[Evaluation]) -> dict[str, Any]:
     """Share of goals reached, in percent: of one policy with Wilson's interval, of several the interquartile mean."""
     if len(evaluations) == 1:
-        success = evaluations[0].summary["success"]
-        percent, low, high = (100.0 * success[name] for name in ("rate", "low", "high"))
+        percent, low, high = (100.0 * part for part in success_rate(evaluations[0].episodes[SUCCESS].to_numpy()))
         return {"percent": percent, "low": low, "high": high, "interval": "Wilson", "policies": 1}
     found = aggregate(evaluations, _SCORE, np.random.default_rng(_BOOTSTRAP_SEED))
     middle = found.interquartile_mean

@@ -60,7 +60,7 @@ def _verdict(row: Mapping[str, Any]) -> str:
 
 def _table_1(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]], str]:
     """A line for ours, and one for the paper's where there is something."""
-    shown = TABLE_1 | _CRITERIA
+    shown = {**TABLE_1, **_CRITERIA}
     header = ["set", "", *(", ".join(filter(None, each[:2])) for each in shown.values()), "verdict"]
     cells = []
     for row in rows:

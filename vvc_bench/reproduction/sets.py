@@ -63,7 +63,7 @@ def _missing(table: str, known: PublishedFigures, reason: str) -> dict[str, Any]
 
 def _row_of_table_1(dataset: Dataset, known: PublishedFigures, budget: Budget) -> list[dict[str, Any]]:
     paper = known.table_1.get(PAPER, {})
-    measured: Mapping[str, Any] = dataset.manifest["metrics"]["table_1"]
+    measured: dict[str, Any] = dataset.manifest["metrics"]["table_1"]
     criteria = coverage_by_criterion(dataset.read(), goals_flown(dataset.name))
     verdict = judge_set(measured, paper, run=budget.judges_sets)
     return [{"hash": dataset.hash, "ours": measured | criteria, "paper": paper or None, "verdict": verdict}]

@@ -8,7 +8,22 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeAlias
 
-from vvc_bench.baselines.configurations import CONFIGURATIONS, STAGED, Configuration, PpoConfiguration, with_amount
+from vvc_bench.baselines.configurations import (
+    GCBC_RELEASED,
+    GCBC_SMALL,
+    PPO_FAST,
+    PPO_RELEASED,
+    PPO_SMALL,
+    SAC_FAST,
+    SAC_RELEASED,
+    SAC_SMALL,
+    STAGED,
+    CloningConfiguration,
+    Configuration,
+    PpoConfiguration,
+    SacConfiguration,
+    with_amount,
+)
 
 GCBC, PPO, SAC, HER = "gcbc", "ppo", "sac", "sac-her"
 FINE_TUNED, WITHOUT_PENALTY = "gcbc-ppo", "gcbc-ppo-without-penalty"
@@ -103,27 +118,27 @@ Entry: TypeAlias = Trial | Shipped
 
 
 def _configurations(
-    names: tuple[str, str], *, epochs: int | None = None, ppo_steps: int | None = None, sac_steps: int | None = None
+    name: str,
+    cloning: tuple[str, CloningConfiguration],
+    ppo: PpoConfiguration,
+    improving: PpoConfiguration,
+    sac: SacConfiguration,
 ) -> Mapping[str, tuple[str, Configuration]]:
-    """Configurations by the name of GCBC's and that of all others, with amounts where these are not their own."""
-    cloning, others = names
-    improving = STAGED[FINE_TUNED][others].improving[0]
-    chosen: dict[str, tuple[str, Configuration]] = {
-        GCBC: (cloning, CONFIGURATIONS[GCBC][cloning]),
-        PPO: (others, CONFIGURATIONS[PPO][others]),
-        SAC: (others, CONFIGURATIONS[SAC][others]),
-        HER: (others, CONFIGURATIONS[HER][others]),
-        FINE_TUNED: (others, improving),
-        WITHOUT_PENALTY: (f"{others}-without-penalty", improving._replace(demonstrator_penalty=0.0)),
-    }
-    amounts = {GCBC: epochs, SAC: sac_steps, HER: sac_steps}
+    """By kind of learner; all but GCBC's have one name."""
     return MappingProxyType(
         {
-            kind: (name, with_amount(configuration, amount) if amount else configuration)
-            for kind, (name, configuration) in chosen.items()
-            for amount in (amounts.get(kind, ppo_steps),)
+            GCBC: cloning,
+            PPO: (name, ppo),
+            SAC: (name, sac),
+            HER: (name, sac._replace(hindsight=True)),
+            FINE_TUNED: (name, improving),
+            WITHOUT_PENALTY: (f"{name}-without-penalty", improving._replace(demonstrator_penalty=0.0)),
         }
     )
+
+
+def _improving(name: str) -> PpoConfiguration:
+    return STAGED[FINE_TUNED][name].improving[0]
 
 
 SMALL = Budget(
@@ -131,7 +146,13 @@ SMALL = Budget(
     "a test of the pipeline, no reproduction: an easy task, samples of the sets, minutes",
     task="normal",
     samples=True,
-    configurations=_configurations(("small", "small"), epochs=20, ppo_steps=300_000, sac_steps=6_000),
+    configurations=_configurations(
+        "small",
+        ("small", with_amount(GCBC_SMALL, 20)),
+        with_amount(PPO_SMALL, 300_000),
+        with_amount(_improving("small"), 300_000),
+        with_amount(SAC_SMALL, 6_000),
+    ),
     seeds=(0,),
     protocols=("normal-1k-v0",),
     evaluations=2,
@@ -144,7 +165,13 @@ LAPTOP = Budget(
     "whole sets and the hard task; learners get less than the authors', and one seed",
     task="hard",
     samples=False,
-    configurations=_configurations(("released", "fast"), epochs=20, ppo_steps=20_000_000),
+    configurations=_configurations(
+        "fast",
+        ("released", with_amount(GCBC_RELEASED, 20)),
+        with_amount(PPO_FAST, 20_000_000),
+        with_amount(_improving("fast"), 20_000_000),
+        with_amount(SAC_FAST, 300_000),
+    ),
     seeds=(0,),
     protocols=_JUDGED,
     evaluations=10,
@@ -156,7 +183,9 @@ FULL = Budget(
     "what the authors released, five seeds",
     task="hard",
     samples=False,
-    configurations=_configurations(("released", "released")),
+    configurations=_configurations(
+        "released", ("released", GCBC_RELEASED), PPO_RELEASED, _improving("released"), SAC_RELEASED
+    ),
     seeds=(0, 1, 2, 3, 4),
     protocols=_JUDGED,
     evaluations=10,
