@@ -1,7 +1,6 @@
 """A table that was run, as Markdown: what is printed, and what lies beside the document."""
 
 from collections.abc import Mapping, Sequence
-from itertools import zip_longest
 from typing import Any
 
 from vvc_bench.metrics import CRITERIA, Spread
@@ -9,6 +8,8 @@ from vvc_bench.page import UNKNOWN, number, significant
 from vvc_bench.reproduction.verdicts import TABLE_1, Measure, Verdict
 
 NOT_AT_HAND = "not at hand"
+
+_GROUPS = {"observations": "seen", "unwrapped": "seen, unwrapped", "actions": "commanded"}
 
 _CRITERIA = {name: Measure(title, "%", 2) for name, title in zip(CRITERIA, ("10/1/1", "10/1", "10/3"), strict=True)}
 _SETS_NOTE = (
@@ -19,7 +20,8 @@ _SETS_NOTE = (
 )
 _SMOOTHNESS_NOTE = (
     "Mean ± standard deviation over the flights: s1 (eq. 23) in the variable's unit, s2 (eq. 24) in the unit for each "
-    "step. Angles are taken as they are seen, as in the paper, and once more followed past ±180° (unwrapped)."
+    "step. Angles are taken as they are seen, as in the paper, and those that jump once more followed past ±180°, "
+    "unwrapped."
 )
 _LEARNERS_NOTE = (
     "Goals reached by the policy that did best on the validation goals, with the 95 % interval: Wilson's for one "
@@ -45,8 +47,7 @@ def as_markdown(document: Mapping[str, Any]) -> str:
 
 def _grid(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Cells in columns that stand below each other in plain text too."""
-    columns = list(zip_longest(header, *rows, fillvalue=""))
-    widths = [max(3, *map(len, column)) for column in columns]
+    widths = [max(3, *map(len, column)) for column in zip(header, *rows, strict=True)]
     lines = [header, ["-" * width for width in widths], *rows]
     return "\n".join(
         f"| {' | '.join(cell.ljust(width) for cell, width in zip(line, widths, strict=True))} |" for line in lines
@@ -87,9 +88,10 @@ def _table_12(rows: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[s
     header = ["set", "", "variable", "s1", "s2", "s1, paper", "s2, paper", "verdict"]
     cells = []
     for row in rows:
+        group = _GROUPS[row["group"]] if row["ours"] else ""
         ours = [_smooth(row["ours"][name]) for name in ("s1", "s2")] if row["ours"] else [UNKNOWN] * 2
         paper = [NOT_AT_HAND if each is None else significant(each) for each in row["paper"] or (None, None)]
-        cells.append([row["used"], row.get("group", ""), row.get("variable", ""), *ours, *paper, _verdict(row)])
+        cells.append([row["used"], group, row.get("variable", ""), *ours, *paper, _verdict(row)])
     return header, cells, _SMOOTHNESS_NOTE
 
 
