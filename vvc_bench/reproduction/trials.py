@@ -149,13 +149,13 @@ SMALL = Budget(
     configurations=_configurations(
         "small",
         ("small", with_amount(GCBC_SMALL, 20)),
-        with_amount(PPO_SMALL, 300_000),
-        with_amount(_improving("small"), 300_000),
-        with_amount(SAC_SMALL, 6_000),
+        with_amount(PPO_SMALL, 200_000),
+        with_amount(_improving("small"), 200_000),
+        with_amount(SAC_SMALL, 4_000),
     ),
     seeds=(0,),
     protocols=("normal-1k-v0",),
-    evaluations=2,
+    evaluations=1,
     judges_sets=False,
     judges_learners=False,
 )
