@@ -27,7 +27,7 @@ test-train: ## Run the tests that take Stable-Baselines3, imitation and Ray, wit
 
 train-tests: $(VENV)/train
 	$(BIN)/python -m pytest -m "not slow" tests/test_stable_baselines.py tests/test_environments.py \
-		tests/test_dataset_conversions.py tests/test_policy_conversion.py tests/test_learning.py
+		tests/test_dataset_conversions.py tests/test_policy_conversion.py tests/test_learning.py tests/test_reproduction.py
 	$(BIN)/python -m pytest tests/test_documentation.py tests/test_build.py -k "train or ray"
 
 lint: $(VENV)/dev ## Check style, types, import layers and the tables made from definitions

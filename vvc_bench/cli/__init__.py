@@ -24,6 +24,7 @@ COMMANDS = {
     "evaluate": "fly policies to every goal of a protocol and keep the results",
     "compare": "compare evaluations of the same protocol goal by goal",
     "report": "write evaluations as one page with pictures",
+    "reproduce": "make tables of the paper again, beside its figures",
     "leaderboard": "submit policies, fly those of others again, rank them",
 }
 """Name, also that of the module in this package, and what it does."""

@@ -55,11 +55,20 @@ def run(options: argparse.Namespace) -> int:
         OSError: if the folder cannot be written, or the set cannot be had.
     """
     _check(options)
-    for module in _EXTRA:
-        import_extra(module, "train")
+    require_extra()
     document = _train(options)
     print(json.dumps(document, indent=2) if options.json else _summary(document))
     return 0
+
+
+def require_extra() -> None:
+    """Say what to install where a training cannot run.
+
+    Raises:
+        ImportError: without the extra ``train``.
+    """
+    for module in _EXTRA:
+        import_extra(module, "train")
 
 
 def _train(options: argparse.Namespace) -> dict[str, Any]:

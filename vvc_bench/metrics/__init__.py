@@ -2,6 +2,7 @@
 
 from vvc_bench.metrics.accuracy import final_errors, returns
 from vvc_bench.metrics.coverage import Coverage, Region, coverage, reached_goals
+from vvc_bench.metrics.criteria import CRITERIA, coverage_by_criterion
 from vvc_bench.metrics.integrity import Integrity, integrity
 from vvc_bench.metrics.optimality import BestLengths, TimeOptimality, best_lengths, length_ratios, time_optimality
 from vvc_bench.metrics.paired import RankInterval, holm, mcnemar, paired_difference, rank_intervals, sign_flip
@@ -21,6 +22,7 @@ from vvc_bench.metrics.summary import Summary, Table1, Table12, VariableSmoothne
 from vvc_bench.metrics.wear import EpisodeWear, Wear, episode_wear, wear
 
 __all__ = [
+    "CRITERIA",
     "PUBLISHED",
     "BestLengths",
     "Coverage",
@@ -45,6 +47,7 @@ __all__ = [
     "best_lengths",
     "bootstrap_interquartile_mean",
     "coverage",
+    "coverage_by_criterion",
     "episode_wear",
     "final_errors",
     "holm",
