@@ -184,7 +184,7 @@ def test_budgets_are_what_they_say() -> None:
         name: {kind: amount_of(each) for kind, (_, each) in budget.configurations.items()}
         for name, budget in BUDGETS.items()
     }
-    assert amounts["laptop"] | {"gcbc": 20, "ppo": 20_000_000, "sac": 300_000} == amounts["laptop"]
+    assert amounts["laptop"] | {"gcbc": 10, "ppo": 12_000_000, "sac": 150_000} == amounts["laptop"]
     assert amounts["full"] | {"gcbc": 300, "ppo": 200_000_000, "sac": 1_000_000} == amounts["full"]
     assert list(BUDGETS) == ["small", "laptop", "full"]
     assert "no reproduction" in SMALL.says
