@@ -30,8 +30,7 @@ def find_set(name: str) -> Dataset:
     try:
         return load_dataset(name)
     except (ValueError, ImportError, OSError) as error:
-        reserved = CATALOGUE[name].recipe is None
-        raise NotThereError(f"{name} has no recipe yet" if reserved else str(error)) from error
+        raise NotThereError(str(error)) from error
 
 
 def rows(table: str, budget: Budget, progress: Callable[[int, int], object]) -> list[dict[str, Any]]:
