@@ -10,9 +10,12 @@ from onnx import helper
 from small_policies import BIAS, INPUTS, linear_law, write_linear, write_model, write_network, write_recurrent
 
 from vvc_bench import sim
+from vvc_bench.datasets.catalogue import CATALOGUE, Updated
 from vvc_bench.envs.options import make_spaces
-from vvc_bench.policies import open_agent
+from vvc_bench.leaderboard.model import check_model
+from vvc_bench.policies import open_agent, opening
 from vvc_bench.policies.onnx import LARGEST_FILE
+from vvc_bench.policies.trained import TRAINED, find_trained, open_trained
 
 SEEDS = np.arange(4)
 
@@ -134,3 +137,16 @@ def test_random_actions_fill_the_space_and_depend_on_the_aircrafts_seed_alone() 
 def test_the_guidance_law_does_not_command_surfaces() -> None:
     with pytest.raises(ValueError, match="cannot fly 'end_to_end'"):
         open_agent("pid", settings=sim.Settings("end_to_end"))
+
+
+def test_trained_policies_are_those_that_the_sets_name() -> None:
+    for k, name in enumerate(TRAINED, start=1):
+        agent, recipe = open_agent(name), CATALOGUE[f"irpo{k}-v0"].recipe
+        assert isinstance(recipe, Updated)
+        assert recipe.policy == f"sha256:{agent.describe()['sha256']}"
+        assert find_trained(recipe.policy.removeprefix("sha256:")).name == name
+        check_model((Path(opening.__file__).parent / "models" / f"{name}.onnx").read_bytes())
+    with pytest.raises(ValueError, match="unknown trained policy 'irpo0'; known are irpo1"):
+        open_trained("irpo0")
+    with pytest.raises(ValueError, match="no policy of the package has the SHA-256 00"):
+        find_trained("00")
