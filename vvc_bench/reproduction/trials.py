@@ -160,7 +160,7 @@ SMALL = Budget(
     judges_sets=False,
     judges_learners=False,
 )
-_JUDGED = ("hard-1k-v0", "hard-grid-v0", "normal-1k-v0")
+_JUDGED = ("hard-1k-v0", "normal-1k-v0")
 LAPTOP = Budget(
     "laptop",
     "whole sets and the hard task; learners get less than the authors', and one seed",
@@ -188,7 +188,7 @@ FULL = Budget(
         "released", ("released", GCBC_RELEASED), PPO_RELEASED, _improving("released"), SAC_RELEASED
     ),
     seeds=(0, 1, 2, 3, 4),
-    protocols=_JUDGED,
+    protocols=(*_JUDGED, "hard-grid-v0"),
     evaluations=10,
     judges_sets=True,
     judges_learners=True,
