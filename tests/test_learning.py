@@ -323,6 +323,29 @@ def test_ppo_begins_as_the_demonstrator_and_warms_its_value_function_up() -> Non
     assert (acts() != shown).any()
 
 
+def test_exploration_begins_as_the_configuration_says() -> None:
+    learner = Improving(
+        easy_environments(16), TINY_PPO._replace(hidden=(16, 16), first_exploration=0.3), 0, policy_of()
+    )
+    np.testing.assert_allclose(learner.policy.log_std.exp().detach().numpy(), 0.3, rtol=1e-6)
+    assert (policy_of().log_std == 0.0).all()
+
+
+def test_scaled_rewards_leave_returns_and_flights_as_they_are() -> None:
+    plain, scaled = easy_environments(4), UnitActions(easy_environments(4).venv, 0.5)
+    for environments in (plain, scaled):
+        environments.reset()
+    generator, ended = np.random.default_rng(0), 0
+    for _ in range(500):
+        actions = generator.uniform(-1.0, 1.0, (4, 3)).astype(np.float32)
+        (_, rewards, dones, infos), (_, halved, _, same) = plain.step(actions), scaled.step(actions)
+        np.testing.assert_array_equal(halved, rewards * np.float32(0.5))
+        for i in np.flatnonzero(dones):
+            assert infos[i]["episode"]["r"] == same[i]["episode"]["r"]
+            ended += 1
+    assert ended > 0
+
+
 def test_the_learning_rate_falls_to_nothing_over_the_configurations_steps() -> None:
     learner = Improving(easy_environments(16), TINY_PPO._replace(steps=2048, warm_up_steps=512), 0)
     rates = []
