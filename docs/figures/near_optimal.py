@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from figure_tools import COLOURS, FAINT, INK, Array, column, finish, fly, inside, new_figure, report, save, table
+from figure_tools.grid_coverage import draw_coverage
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -15,7 +16,7 @@ from vvc_bench import load_dataset
 from vvc_bench.datasets.catalogue import HARD, PAPER_GRID, SEARCH, Axis, GoalGrid
 from vvc_bench.datasets.searching import search_plans
 from vvc_bench.experts import APPENDIX_C, PURSUIT, WEIGHT_COMPENSATED
-from vvc_bench.metrics import BestLengths, best_lengths, coverage, reached_goals
+from vvc_bench.metrics import BestLengths, best_lengths
 from vvc_bench.metrics.coverage import find_goals
 from vvc_bench.rollout import Episodes, Scenario, fly_law
 from vvc_bench.search import Budget
@@ -40,28 +41,6 @@ CORNERS = {
 }
 CORNER_BUDGET = Budget(sweeps=12, generations=1, population=16)
 _NOT_MOVING_AWAY = float(ALL_EVENTS & ~Event.MOVE_AWAY)
-
-
-def share_by_direction(episodes: Episodes) -> Array:
-    """Percent of the azimuths reached, shape (speeds, path angles)."""
-    cells = coverage(*reached_goals(episodes, PAPER_GRID.goals))
-    return 100.0 * cells.reached.sum(axis=2) / cells.flown.sum(axis=2)
-
-
-def draw_coverage(sets: dict[str, Episodes]) -> None:
-    figure = new_figure(7.4, 3.6)
-    panels = figure.subplots(1, len(sets), sharey=True)
-    for axes, (name, episodes) in zip(panels, sets.items(), strict=True):
-        speeds, path_angles = PAPER_GRID.speed_mps.values, PAPER_GRID.path_angle_deg.values
-        image = axes.pcolormesh(speeds, path_angles, share_by_direction(episodes).T, vmin=0, vmax=100, cmap="viridis")
-        share = 100.0 * len(episodes) / len(PAPER_GRID.goals)
-        finish(axes, x="speed, m/s", title=f"{name}: {share:.1f} %")
-        axes.set(xticks=(100, 200, 300), yticks=range(-60, 61, 30))
-        axes.grid(visible=False)
-    panels[0].set_ylabel("path angle, °", size=11, color=INK)
-    bar = figure.colorbar(image, ax=panels, location="bottom", shrink=0.5, aspect=40)
-    bar.set_label("azimuths reached, %", size=10.5, color=INK)
-    save(figure, "near_optimal_coverage.png")
 
 
 def draw_growth(candidates: Array, reached: Array, lengths: Array, best: BestLengths) -> None:
@@ -221,7 +200,8 @@ def main() -> None:
     candidates = progress["candidates_per_sweep"] * np.arange(1.0, SEARCH.sweeps + 1.0)
     reached = 100.0 * np.array(progress["reached"]) / len(PAPER_GRID.goals)
     lengths = np.array(progress["mean_length_steps"])
-    draw_coverage({"PID": laws["PID, weight compensated"], "pursuit": laws["pursuit"], "search": found})
+    shown = {"PID": laws["PID, weight compensated"], "pursuit": laws["pursuit"], "search": found}
+    draw_coverage(shown, "near_optimal_coverage.png")
     draw_growth(candidates, reached, lengths, best)
     draw_flights(found)
     report(

@@ -1,0 +1,104 @@
+"""Figures and tables of docs/learning.md, from what results/ holds, and the sets of IRPO.
+
+python docs/figures/learning.py    # a minute; some more where the sets are not here yet
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from figure_tools import COLOURS, FAINT, finish, new_figure, report, save, table
+from figure_tools.grid_coverage import draw_coverage
+
+from vvc_bench import load_dataset
+
+RESULTS = Path(__file__).parents[2] / "results"
+TRAININGS = RESULTS / "trainings"
+LADDER = ("pid-aug-v0", "irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0")
+ALONE = {"PPO": "ppo", "GCBC+PPO from pid-aug-v0": "gcbc-ppo-pid-aug", "GCBC+PPO from search-v0": "gcbc-ppo-search"}
+"""Label → trial."""
+
+
+def read(path: Path) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return document
+
+
+def curve(training: dict[str, Any]) -> tuple[list[float], list[float]]:
+    """Million steps, and percent of the validation goals reached."""
+    judged = training["evaluations"]
+    return [each["done"] / 1e6 for each in judged], [100.0 * each["success"]["rate"] for each in judged]
+
+
+def iterations() -> Iterator[dict[str, Any]]:
+    """What each iteration's PPO says of itself."""
+    return (read(path) for path in sorted((TRAININGS / "irpo").glob("*-ppo.json")))
+
+
+def draw_curves() -> None:
+    figure = new_figure(7.4, 3.6)
+    axes = figure.subplots()
+    begun = 0.0
+    for training in iterations():
+        steps, shares = curve(training)
+        label = "IRPO, three iterations" if begun == 0.0 else None
+        axes.plot(
+            [begun + each for each in steps], shares, color=COLOURS[0], linewidth=2, marker="o", ms=3, label=label
+        )
+        begun += steps[-1]
+        axes.axvline(begun, color=FAINT, linewidth=0.8, linestyle=":")
+    for colour, (label, trial) in zip(COLOURS[1:], ALONE.items(), strict=False):
+        axes.plot(*curve(read(TRAININGS / "laptop" / f"{trial}-seed0.json")), color=colour, linewidth=2, label=label)
+    axes.legend(frameon=False, fontsize=10, loc="lower right")
+    finish(axes, x="million steps of PPO", y="validation goals reached, %")
+    save(figure, "learning_curves.png")
+
+
+def ladder_table() -> str:
+    rows = []
+    for row in read(RESULTS / "table1-laptop.json")["rows"]:
+        ours, paper = row["ours"], row["paper"]
+        if not paper:
+            continue
+        rows.append(
+            [
+                f"`{row['set']}`",
+                f"{ours['coverage_percent']:.2f} %",
+                f"{paper['coverage_percent']:.2f} %",
+                *(f"{ours[name]['mean']:.{digits}f} ± {ours[name]['std']:.{digits}f}" for name, digits in MEASURES),
+            ]
+        )
+    header = ["", "goals reached", "the paper's", "length, steps", "speed error, m/s", "path angle, °", "azimuth, °"]
+    return table(header, rows)
+
+
+MEASURES = (("length_steps", 0), ("speed_error_mps", 2), ("path_angle_error_deg", 2), ("azimuth_error_deg", 2))
+
+
+def learners_table() -> str:
+    """Rows of Tables 2, 3 and 9, each learner once."""
+    rows: dict[str, list[str]] = {}
+    for name in ("table2", "table3", "table9"):
+        for row in read(RESULTS / f"{name}-laptop.json")["rows"]:
+            if row["ours"]:
+                trained = row.get("trainings", ())
+                amounts = " + ".join(f"{each['done']:,} {each['unit']}" for each in trained)
+                minutes = sum(each["wall_s"] for each in trained) / 60.0
+                rows[row["label"]] = [
+                    row["label"],
+                    *(f"{each['percent']:.1f} ({each['low']:.1f}–{each['high']:.1f})" for each in row["ours"].values()),
+                    amounts or "ships with the package",
+                    f"{minutes:.0f}" if trained else "",
+                ]
+    return table(["", "hard-1k-v0, %", "normal-1k-v0, %", "trained for", "minutes"], rows.values())
+
+
+def main() -> None:
+    draw_curves()
+    draw_coverage({name.removesuffix("-v0"): load_dataset(name).read() for name in LADDER}, "irpo_coverage.png")
+    report("learning.md", {"ladder": ladder_table(), "learners": learners_table()})
+
+
+if __name__ == "__main__":
+    main()
