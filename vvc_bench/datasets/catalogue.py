@@ -167,7 +167,7 @@ SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patien
 
 _IRPO_POLICIES = {
     1: "386a02df1d96bf8e1684922b2f3cf16fd299c5b27a639c6618e80a0da26fc98a",
-    2: "",
+    2: "3595b821767587ebc41e77fd604d76ddf629468f89c9dd246c7b7d04cec3c225",
     3: "",
 }
 """Iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
