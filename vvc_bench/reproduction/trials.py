@@ -54,6 +54,7 @@ class Budget:
         samples: whether samples stand for the sets.
         configurations: kind of learner → name and values.
         seeds: each learner is trained once with each.
+        curricula: that PPO is tried with, besides the task's own goals.
         protocols: what policies are judged on; the paper's figure is compared with the first.
         evaluations: on validation goals during a training.
         judges_sets: whether the sets are those that the paper's figures are about.
@@ -66,6 +67,7 @@ class Budget:
     samples: bool
     configurations: Mapping[str, tuple[str, Configuration]]
     seeds: tuple[int, ...]
+    curricula: tuple[str, ...]
     protocols: tuple[str, ...]
     evaluations: int
     judges_sets: bool
@@ -155,6 +157,7 @@ SMALL = Budget(
         with_amount(SAC_SMALL, 4_000),
     ),
     seeds=(0,),
+    curricula=("mega",),
     protocols=("normal-1k-v0",),
     evaluations=1,
     judges_sets=False,
@@ -174,6 +177,7 @@ LAPTOP = Budget(
         SAC_FAST,
     ),
     seeds=(0,),
+    curricula=(),
     protocols=_JUDGED,
     evaluations=10,
     judges_sets=True,
@@ -188,6 +192,7 @@ FULL = Budget(
         "released", ("released", GCBC_RELEASED), PPO_RELEASED, _improving("released"), SAC_RELEASED
     ),
     seeds=(0, 1, 2, 3, 4),
+    curricula=("mega",),
     protocols=(*_JUDGED, "hard-grid-v0"),
     evaluations=10,
     judges_sets=True,
@@ -222,7 +227,7 @@ def table_9(budget: Budget) -> tuple[Entry, ...]:
         _alone(budget, SAC),
         _alone(budget, HER),
         _alone(budget, PPO),
-        _alone(budget, PPO, "mega"),
+        *(_alone(budget, PPO, each) for each in budget.curricula),
     )
 
 
