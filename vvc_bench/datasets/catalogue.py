@@ -168,7 +168,7 @@ SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patien
 _IRPO_POLICIES = {
     1: "386a02df1d96bf8e1684922b2f3cf16fd299c5b27a639c6618e80a0da26fc98a",
     2: "3595b821767587ebc41e77fd604d76ddf629468f89c9dd246c7b7d04cec3c225",
-    3: "",
+    3: "e00dc389c4579d7545dd999a5f9158dc0849417b9a044fdc604c1a3489820df3",
 }
 """Iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
 
