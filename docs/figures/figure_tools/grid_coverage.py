@@ -20,7 +20,7 @@ def draw_coverage(sets: dict[str, Episodes], name: str) -> None:
         speeds, path_angles = PAPER_GRID.speed_mps.values, PAPER_GRID.path_angle_deg.values
         image = axes.pcolormesh(speeds, path_angles, share_by_direction(episodes).T, vmin=0, vmax=100, cmap="viridis")
         share = 100.0 * len(episodes) / len(PAPER_GRID.goals)
-        finish(axes, x="speed, m/s", title=f"{title}: {share:.1f} %")
+        finish(axes, x="speed, m/s", title=f"{title}\n{share:.1f} %")
         axes.set(xticks=(100, 200, 300), yticks=range(-60, 61, 30))
         axes.grid(visible=False)
     panels[0].set_ylabel("path angle, °", size=11, color=INK)
