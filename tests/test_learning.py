@@ -34,7 +34,7 @@ from vvc_bench.baselines.configurations import (
     amount_of,
     with_amount,
 )
-from vvc_bench.baselines.curricula import CURRICULA, Curriculum
+from vvc_bench.baselines.curricula import CURRICULA, Achieved, Curriculum, Intermediate
 from vvc_bench.baselines.features import ANTISYMMETRIC, FEATURES, RelativeFeatures
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.irpo import SUMMARY, train_irpo
@@ -61,6 +61,7 @@ from vvc_bench.datasets.transitions import transitions_of
 from vvc_bench.datasets.verify import fly_again
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.envs.stable_baselines import VelocityVectorVecEnv
+from vvc_bench.evaluation import named_protocol
 from vvc_bench.goals import UniformBox
 from vvc_bench.policies import open_agent, to_onnx
 from vvc_bench.rollout import Episodes, Scenario, fly_policy
@@ -382,6 +383,7 @@ LEARNERS: dict[str, Callable[[], Any]] = {
     "ppo": improving,
     "ppo, state-dependent exploration": lambda: improving(TINY_PPO._replace(state_dependent_exploration=True)),
     "ppo, mega": lambda: improving(curriculum="mega"),
+    "ppo, intermediate": lambda: improving(curriculum="intermediate"),
     "sac-her": hindsight,
 }
 
@@ -483,8 +485,11 @@ def achieved(generator: np.random.Generator, count: int) -> np.ndarray:
 EVERYWHERE = UniformBox((150.0, -10.0, -30.0), (250.0, 10.0, 30.0))
 
 
+ACHIEVED = {name: kind for name, kind in CURRICULA.items() if issubclass(kind, Achieved)}
+
+
 def taught(name: str) -> Curriculum:
-    curriculum = CURRICULA[name](EVERYWHERE, 0, renewed=2000, fitted=1000, remembered=0.5)
+    curriculum = ACHIEVED[name](EVERYWHERE, 0, renewed=2000, fitted=1000, remembered=0.5)
     generator = np.random.default_rng(1)
     for _ in range(40):
         curriculum.observe(achieved(generator, 1000).astype(np.float32))
@@ -524,7 +529,7 @@ def test_mega_draws_what_was_achieved_least() -> None:
     assert set(map(tuple, goals.astype(np.float32).tolist())) <= set(map(tuple, known.tolist()))
 
 
-@pytest.mark.parametrize("name", CURRICULA)
+@pytest.mark.parametrize("name", ACHIEVED)
 def test_curricula_keep_to_the_box_and_to_the_generator(name: str) -> None:
     goals = drawn(taught(name))
     assert (goals >= EVERYWHERE.low).all()
@@ -532,11 +537,61 @@ def test_curricula_keep_to_the_box_and_to_the_generator(name: str) -> None:
     np.testing.assert_array_equal(goals, drawn(taught(name)))
 
 
+def concluded(reachable: Callable[[np.ndarray], np.ndarray], episodes: int = 40_000) -> Intermediate:
+    """After episodes with goals from everywhere and beyond it."""
+    curriculum = Intermediate(EVERYWHERE)
+    generator = np.random.default_rng(3)
+    for _ in range(episodes // 1000):
+        goals = generator.uniform((140.0, -12.0, -35.0), (260.0, 12.0, 35.0), (1000, 3)).astype(np.float32)
+        curriculum.conclude(goals, generator.random(1000) < reachable(goals))
+    return curriculum
+
+
+def test_intermediate_draws_goals_that_are_reached_sometimes() -> None:
+    """Below 170 m/s never, above 230 m/s always, and more and more often between them."""
+    curriculum = concluded(lambda goals: np.clip((goals[:, 0] - 170.0) / 60.0, 0.0, 1.0))
+    by_speed = curriculum.shares().mean(axis=(1, 2))
+    np.testing.assert_allclose(by_speed[:2], 0.0, atol=0.15)
+    np.testing.assert_allclose(by_speed[-2:], 1.0, atol=0.15)
+    assert (np.diff(by_speed) > -0.05).all()
+    goals = drawn(curriculum)
+    assert (goals >= EVERYWHERE.low).all()
+    assert (goals <= EVERYWHERE.high).all()
+    speeds = np.histogram(goals[:, 0], bins=[150.0, 170.0, 190.0, 210.0, 230.0, 250.0])[0]
+    assert speeds[2] > 1.5 * max(speeds[0], speeds[4])
+    assert speeds.min() > 0.05 * len(goals)
+
+
+def test_intermediate_draws_evenly_what_has_one_chance_everywhere() -> None:
+    goals = drawn(concluded(lambda goals: np.full(len(goals), 0.5)))
+    assert 0.2 < in_crowd(goals) < 0.4
+
+
+def test_intermediate_forgets() -> None:
+    curriculum = concluded(lambda goals: np.zeros(len(goals)))
+    assert curriculum.shares().mean() < 0.2
+    generator = np.random.default_rng(4)
+    for _ in range(100):
+        curriculum.conclude(generator.uniform(EVERYWHERE.low, EVERYWHERE.high, (1000, 3)), np.ones(1000, dtype=bool))
+    assert curriculum.shares().mean() > 0.8
+
+
 def test_a_curriculum_sees_where_a_learner_gets_to() -> None:
     learner = improving(curriculum="mega")
     curriculum = learner.algorithm.env.get_attr("goals", 0)[0]
     learner.advance(SILENT)
     assert curriculum._count > 0
+
+
+def test_a_curriculum_sees_which_goals_a_learner_reaches() -> None:
+    learner = improving(curriculum="intermediate")
+    curriculum = learner.algorithm.env.get_attr("goals", 0)[0]
+    ended = 0
+    for _ in range(5):
+        learner.advance(SILENT)
+        ended += len(learner.algorithm.ep_info_buffer)
+    assert 0 < curriculum._flown.sum() <= ended
+    assert curriculum._reached.sum() <= curriculum._flown.sum()
 
 
 # Configurations and the command
@@ -557,7 +612,7 @@ def test_configurations_by_name() -> None:
         (["ppo", "--demos", "pid-v0"], "--demos means nothing to ppo"),
         (["gcbc", "--demos", "pid-v0", "--steps", "9"], "--steps means nothing to gcbc"),
         (["sac", "--epochs", "9"], "--epochs means nothing to sac"),
-        (["irpo", "--demos", "pid-v0", "--curriculum", "mega"], "--curriculum means nothing to irpo"),
+        (["gcbc", "--demos", "pid-v0", "--curriculum", "mega"], "--curriculum means nothing to gcbc"),
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast, small"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
         (["ppo", "--set", "band=1"], "unknown task field 'band'"),
@@ -597,7 +652,7 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     ppo = TINY_PPO._replace(demonstrator_penalty=1e-3, warm_up_steps=500, learning_rate=3e-4)
     configuration = StagedConfiguration(GCBC_SMALL._replace(epochs=4), (ppo,))
     dataset, setting = load_dataset("pid-sample-v0"), Setting("normal", evaluations=1)
-    result = train_irpo(setting, tmp_path / "run", dataset, "test", configuration)
+    result = train_irpo(setting, tmp_path / "run", dataset, "test", configuration, curriculum="intermediate")
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*") if path.name != SUMMARY}
     updated, image = (open_dataset(tmp_path / "run" / name) for name in ("1-set", "1-set-mirrored"))
     policy = open_agent(str(tmp_path / "run" / "1-ppo" / BEST_POLICY))
@@ -618,10 +673,17 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     assert fly_again(updated.read()).divergences == ()
     assert len(image) >= len(updated)
 
-    assert train_irpo(setting, tmp_path / "run", dataset, "test", configuration) == result
+    judged_on = {read_training(tmp_path / "run" / stage)["protocol"] for stage in ("1-gcbc", "1-ppo")}
+    assert [named_protocol(name).scenario for name in judged_on] == [LEARNED]
+    assert read_training(tmp_path / "run" / "1-ppo")["plan"]["curriculum"] == "intermediate"
+
+    def again(setting: Setting) -> dict[str, Any]:
+        return train_irpo(setting, tmp_path / "run", dataset, "test", configuration, curriculum="intermediate")
+
+    assert again(setting) == result
     assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*") if path.name != SUMMARY}
     with pytest.raises(ValueError, match="holds a training with"):
-        train_irpo(Setting("normal", 1, 1), tmp_path / "run", dataset, "test", configuration)
+        again(Setting("normal", 1, 1))
 
 
 def test_gcbc_and_then_ppo_names_its_demonstrator(small_set: Dataset, tmp_path: Path) -> None:

@@ -1,14 +1,20 @@
-"""Curricula: goals drawn from where the aircraft has already been, in place of the task's box.
+"""Curricula: goals drawn where there is most to learn, in place of evenly from the task's box.
 
 Each is a `vvc_bench.goals.GoalDistribution`, so that any environment takes it as ``goals``; whoever trains tells it
-what is achieved (`Curriculum.observe`). The three differ in which of the achieved goals they prefer, as they stand side
-by side in Pitis et al. (2020), "Maximum Entropy Gain Exploration for Long Horizon Multi-goal Reinforcement Learning":
+what is achieved (`Curriculum.observe`) and which goals were reached (`Curriculum.conclude`). Three draw goals from
+where the aircraft has been, and differ in which of these they prefer, as they stand side by side in Pitis et al.
+(2020), "Maximum Entropy Gain Exploration for Long Horizon Multi-goal Reinforcement Learning":
 
 - `Rig`: goals from the density of what was achieved. Nair et al. (2018) fit an autoencoder to images for that; three
   numbers take a kernel density estimate.
 - `Discern`: uniform over what was achieved, rare and frequent alike: achieved goals, weighted by one over their
   density. Warde-Farley et al. (2019) keep a buffer of goals that is made diverse.
 - `Mega`: the achieved goal of the least density among some drawn at random.
+
+The fourth asks how often goals are reached:
+
+- `Intermediate`: goals that are reached sometimes, neither always nor never. Florensa et al. (2018), "Automatic Goal
+  Generation for Reinforcement Learning Agents", train a generator for that; three numbers take a table of cells.
 """
 
 from collections.abc import Mapping
@@ -17,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 from sklearn.neighbors import KernelDensity
 
 from vvc_bench.goals import UniformBox
@@ -28,6 +35,20 @@ _BANDWIDTH = 0.05
 
 
 class Curriculum:
+    """Goals that follow what is learned; a curriculum listens to what it needs."""
+
+    def observe(self, achieved: NDArray[Any]) -> None:
+        """Take note of goals that were achieved on the way, shape (N, 3), in outside units."""
+
+    def conclude(self, goals: NDArray[Any], reached: NDArray[np.bool_]) -> None:
+        """Take note of episodes that ended: goals, shape (N, 3), in outside units, and which were reached, (N,)."""
+
+    def sample(self, generator: np.random.Generator) -> NDArray[np.float64]:
+        """One goal, shape (3,), in outside units."""
+        raise NotImplementedError
+
+
+class Achieved(Curriculum):
     """Goals from those achieved within a box, which is the task's own; from the box until enough were.
 
     Args:
@@ -89,7 +110,7 @@ class Curriculum:
         self._unseen = 0
 
 
-class Rig(Curriculum):
+class Rig(Achieved):
     """Goals as they were achieved."""
 
     def _choose(self, generator: np.random.Generator) -> NDArray[np.float64]:
@@ -99,7 +120,7 @@ class Rig(Curriculum):
         return goal
 
 
-class Discern(Curriculum):
+class Discern(Achieved):
     """Goals uniform over what was achieved."""
 
     def _renew(self) -> None:
@@ -113,7 +134,7 @@ class Discern(Curriculum):
         return goal
 
 
-class Mega(Curriculum):
+class Mega(Achieved):
     """Goals that were achieved least."""
 
     def _choose(self, generator: np.random.Generator) -> NDArray[np.float64]:
@@ -122,5 +143,79 @@ class Mega(Curriculum):
         return goal
 
 
-CURRICULA: Mapping[str, type[Curriculum]] = MappingProxyType({"rig": Rig, "discern": Discern, "mega": Mega})
+class Intermediate(Curriculum):
+    """Goals that are reached sometimes: a cell of the box is drawn as p (1 − p) says, p being its share of successes.
+
+    Shares are smoothed over neighbouring cells, so that next to reached goals those that are not are drawn too, and old
+    episodes count less and less. Some goals are drawn evenly from the box, as nothing else would show what has become
+    possible, or was forgotten.
+
+    Args:
+        box: where goals come from.
+        seed: unused; whoever draws brings the generator.
+        cells: of each component.
+        even: share of goals drawn evenly.
+        smoothing: standard deviation of the smoothing, in cells.
+        renewed: episodes after which shares are reckoned anew.
+        kept: what an episode still counts after that.
+    """
+
+    def __init__(
+        self,
+        box: UniformBox,
+        seed: int = 0,
+        *,
+        cells: tuple[int, int, int] = (10, 17, 17),
+        even: float = 0.3,
+        smoothing: float = 0.7,
+        renewed: int = 2000,
+        kept: float = 0.9,
+    ) -> None:
+        del seed
+        self._box, self._cells, self._even = box, cells, even
+        self._low, self._width = np.array(box.low), (np.array(box.high) - box.low) / cells
+        self._smoothing, self._renewed, self._kept = smoothing, renewed, kept
+        self._reached, self._flown = np.zeros(cells), np.zeros(cells)
+        self._unseen = 0
+        self._cumulative = np.empty(0)
+
+    def conclude(self, goals: NDArray[Any], reached: NDArray[np.bool_]) -> None:
+        """Count the goals of the box by cell."""
+        cells = np.floor((goals - self._low) / self._width).astype(np.int64)
+        inside = ((cells >= 0) & (cells <= self._cells)).all(axis=1)
+        where = tuple(np.minimum(cells[inside], np.array(self._cells) - 1).T)
+        np.add.at(self._flown, where, 1.0)
+        np.add.at(self._reached, where, reached[inside])
+        self._unseen += len(goals)
+        if self._unseen >= self._renewed:
+            self._renew()
+
+    def shares(self) -> NDArray[np.float64]:
+        """Share of the goals of each cell that is reached; a half where nothing is known."""
+        reached, flown = (
+            gaussian_filter(counts, self._smoothing, mode="nearest") for counts in (self._reached, self._flown)
+        )
+        share: NDArray[np.float64] = (reached + 0.5) / (flown + 1.0)
+        return share
+
+    def sample(self, generator: np.random.Generator) -> NDArray[np.float64]:
+        """One goal, shape (3,), in outside units."""
+        if not len(self._cumulative) or generator.random() < self._even:
+            return self._box.sample(generator)
+        cell = np.unravel_index(np.searchsorted(self._cumulative, generator.random(), side="right"), self._cells)
+        goal: NDArray[np.float64] = self._low + (cell + generator.random(3)) * self._width
+        return goal
+
+    def _renew(self) -> None:
+        share = self.shares()
+        weights = np.cumsum(share * (1.0 - share))
+        self._cumulative = weights[:-1] / weights[-1]
+        self._reached *= self._kept
+        self._flown *= self._kept
+        self._unseen = 0
+
+
+CURRICULA: Mapping[str, type[Achieved] | type[Intermediate]] = MappingProxyType(
+    {"rig": Rig, "discern": Discern, "mega": Mega, "intermediate": Intermediate}
+)
 """By name."""

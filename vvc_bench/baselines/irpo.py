@@ -1,5 +1,6 @@
 """IRPO: clone, improve, fly every goal, keep what is new or shorter, add the mirror image; and again from there."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +25,16 @@ def train_irpo(
     dataset: Dataset,
     name: str,
     configuration: StagedConfiguration,
+    *,
+    curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Iterate. What is done is not done again: each stage is a folder of its own.
 
     Iteration k clones the set before it (``k-gcbc``), improves the best clone by PPO (``k-ppo``), flies the grid with
     the best policy's deterministic actions under the rules `LEARNED`, offers what reaches to the set (``k-set``), and
     adds its mirror image (``k-set-mirrored``), from which the next begins. The set that it all begins from is flown
-    anew under these rules first. The sets name the policy by the SHA-256 of its ONNX file, in their specification and
-    in each flight's source.
+    anew under these rules first, and by them policies are judged on the way. The sets name the policy by the SHA-256
+    of its ONNX file, in their specification and in each flight's source.
 
     Args:
         setting: what all trainings have in common.
@@ -39,6 +42,7 @@ def train_irpo(
         dataset: what it begins from: a set of the catalogue, whose goals are flown.
         name: the configuration's.
         configuration: one PPO for each iteration.
+        curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
 
     Returns:
         For each iteration what was trained, and what its sets are.
@@ -48,13 +52,14 @@ def train_irpo(
         OSError: if something cannot be written.
     """
     grid = grid_flown(dataset.name)
+    setting = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
     iterations = []
     for k, improving in enumerate(configuration.improving, start=1):
         cloned, improved = folder / f"{k}-gcbc", folder / f"{k}-ppo"
         cloning = configuration.cloning._replace(hidden=improving.hidden)
         trained = {
             "gcbc": train_gcbc(setting, cloned, dataset, name, cloning),
-            "ppo": train_ppo(setting, improved, name, improving, cloned=cloned),
+            "ppo": train_ppo(setting, improved, name, improving, cloned=cloned, curriculum=curriculum),
         }
         updated = _update(setting, folder / f"{k}-set", dataset, k, improved / BEST_POLICY, grid)
         dataset = _mirror(setting, folder / f"{k}-set-mirrored", updated, k, grid)

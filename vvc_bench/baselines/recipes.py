@@ -56,6 +56,7 @@ class Setting:
         between: seconds between two checkpoints, at least.
         progress: makes a line of a label and a unit.
         fields: of the task, by column name (`vvc_bench.tasks.make_task`), for PPO and SAC to learn on a variant of it.
+        protocol: what policies are judged on on the way, in place of the task's validation goals as they are.
     """
 
     task: str
@@ -65,6 +66,7 @@ class Setting:
     between: float = 120.0
     progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = _silent
     fields: Mapping[str, Any] = field(default_factory=dict)
+    protocol: str | None = None
 
     def run(self, plan: Plan, folder: Path, make_learner: Callable[[], Learner], unit: str) -> dict[str, Any]:
         """Train with a line that says how far it has come."""
@@ -165,7 +167,13 @@ def train_sac(
 
 
 def train_gcbc_ppo(
-    setting: Setting, folder: Path, dataset: Dataset, name: str, configuration: StagedConfiguration
+    setting: Setting,
+    folder: Path,
+    dataset: Dataset,
+    name: str,
+    configuration: StagedConfiguration,
+    *,
+    curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Clone demonstrations, in the folder ``gcbc``, and improve on the best clone, in ``ppo``.
 
@@ -176,7 +184,7 @@ def train_gcbc_ppo(
     cloning = configuration.cloning._replace(hidden=improving.hidden)
     return {
         GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning),
-        PPO: train_ppo(setting, folder / PPO, name, improving, cloned=folder / GCBC),
+        PPO: train_ppo(setting, folder / PPO, name, improving, cloned=folder / GCBC, curriculum=curriculum),
     }
 
 
@@ -216,6 +224,7 @@ def _plan(algorithm: str, setting: Setting, name: str, configuration: Configurat
         setting.seed,
         amount_of(configuration),
         evaluations=setting.evaluations,
+        protocol=setting.protocol,
         **origins,
     )
 

@@ -97,7 +97,7 @@ def check_count(environments: VecEnv, configured: int) -> None:
 
 
 class _Watched(BaseCallback):  # type: ignore[misc]  # whose types are not there without the extra
-    """Tells a curriculum where the aircraft get to."""
+    """Tells a curriculum where the aircraft get to, and which goals they reach."""
 
     def __init__(self, curriculum: Curriculum) -> None:
         super().__init__()
@@ -105,4 +105,8 @@ class _Watched(BaseCallback):  # type: ignore[misc]  # whose types are not there
 
     def _on_step(self) -> bool:
         self._curriculum.observe(self.locals["new_obs"]["achieved_goal"])
+        last = [self.locals["infos"][i] for i in np.flatnonzero(self.locals["dones"])]
+        if last:
+            goals = np.array([info["terminal_observation"]["desired_goal"] for info in last])
+            self._curriculum.conclude(goals, np.array([info["is_success"] for info in last]))
         return True

@@ -29,7 +29,7 @@ from vvc_bench import sim
 from vvc_bench.baselines.unit_actions import from_unit
 from vvc_bench.datasets.folders import locked
 from vvc_bench.envs.options import make_spaces
-from vvc_bench.evaluation import evaluate, named_protocol
+from vvc_bench.evaluation import evaluate, named_protocol, protocols
 from vvc_bench.flight.files import write_whole
 from vvc_bench.policies import to_onnx
 from vvc_bench.policies.trusted import FunctionAgent
@@ -89,6 +89,7 @@ class Plan:
         curriculum: a name, or None.
         fields: of the task, where it learns on a variant of it; it is judged on the task itself.
         evaluations: how often it is judged on the way, evenly spread, besides the start.
+        protocol: what it is judged on, in place of the task's validation goals as they are.
     """
 
     algorithm: str
@@ -101,6 +102,7 @@ class Plan:
     curriculum: str | None = None
     fields: Mapping[str, Any] = field(default_factory=dict)
     evaluations: int = 10
+    protocol: str | None = None
 
     def to_json(self) -> dict[str, Any]:
         """As a document."""
@@ -108,15 +110,13 @@ class Plan:
         return document
 
 
-def protocol_for(task: str) -> str:
-    """The validation protocol of a task: goals that no result is reported on.
+def protocol_for(plan: Plan) -> protocols.Protocol:
+    """What a training is judged on: validation goals, which no result is reported on.
 
     Raises:
-        ValueError: for a task without one.
+        ValueError: for a task without them.
     """
-    name = f"{task}-validation-v0"
-    named_protocol(name)
-    return name
+    return named_protocol(plan.protocol or f"{plan.task}-validation-v0")
 
 
 def train(
@@ -149,7 +149,7 @@ def train(
         FileExistsError: if it holds anything else.
         OSError: if it cannot be written.
     """
-    protocol_for(plan.task)
+    protocol_for(plan)
     begin(plan, folder)
     with locked(folder):
         begun = begin(plan, folder)  # another process may have trained in the meantime
@@ -270,7 +270,7 @@ class _Session:
 
     def _judge(self) -> None:
         """Fly the validation goals; keep the policy if it is the best so far."""
-        protocol = named_protocol(protocol_for(self._plan.task))
+        protocol = protocol_for(self._plan)
         summary = evaluate(deterministic(self._learner.policy), protocol, threads=self._threads).summary
         result = {"done": self._learner.done, **{name: summary[name] for name in ("success", "length_steps", "return")}}
         self._logger.record("validation/success", summary["success"]["rate"])
@@ -302,7 +302,7 @@ class _Session:
             "finished": finished,
             "unit": self._learner.unit,
             "done": self._learner.done,
-            "protocol": protocol_for(self._plan.task),
+            "protocol": protocol_for(self._plan).name,
             "evaluations": history,
             "best": max(history, key=_rank),
             "policies": {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files},

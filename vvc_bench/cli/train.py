@@ -12,7 +12,7 @@ from vvc_bench.policies.agent import import_extra
 from vvc_bench.tasks import TASKS, make_task
 
 ALGORITHMS = (*CONFIGURATIONS, *STAGED)
-CURRICULA = ("rig", "discern", "mega")
+CURRICULA = ("rig", "discern", "mega", "intermediate")
 _CLONING = ("gcbc", *STAGED)
 _EXTRA = ("torch", "stable_baselines3", "imitation", "onnx", "onnxruntime")
 
@@ -27,7 +27,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: %(default)s)")
     parser.add_argument("--steps", type=_count, help="steps of PPO or SAC, in place of the configuration's")
     parser.add_argument("--epochs", type=_count, help="epochs of GCBC, in place of the configuration's")
-    parser.add_argument("--curriculum", choices=CURRICULA, help="goals from what was achieved; for ppo, sac, sac-her")
+    parser.add_argument(
+        "--curriculum",
+        choices=CURRICULA,
+        help="where PPO and SAC take their goals from, in place of evenly from the task's box",
+    )
     parser.add_argument(
         "--evaluations",
         type=_count,
@@ -93,8 +97,8 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
         case "gcbc":
             return recipes.train_gcbc(setting, where, dataset, name, configuration)
         case "gcbc-ppo":
-            return recipes.train_gcbc_ppo(setting, where, dataset, name, configuration)
-    return irpo.train_irpo(setting, where, dataset, name, configuration)
+            return recipes.train_gcbc_ppo(setting, where, dataset, name, configuration, curriculum=options.curriculum)
+    return irpo.train_irpo(setting, where, dataset, name, configuration, curriculum=options.curriculum)
 
 
 def _configuration(options: argparse.Namespace) -> Any:
@@ -123,7 +127,7 @@ def _check(options: argparse.Namespace) -> None:
         "--demos": not clones and options.demos,
         "--epochs": not clones and options.epochs,
         "--steps": options.algorithm == "gcbc" and options.steps,
-        "--curriculum": clones and options.curriculum,
+        "--curriculum": options.algorithm == "gcbc" and options.curriculum,
         "--set": options.algorithm == "gcbc" and options.set,
     }
     for option, given in wrong.items():

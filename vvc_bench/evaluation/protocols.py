@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vvc_bench import sim
-from vvc_bench.datasets.catalogue import PAPER_GRID, GoalGrid
+from vvc_bench.datasets.catalogue import LEARNED, PAPER_GRID, GoalGrid
 from vvc_bench.envs.sub_goals import TURN_CLIMB
 from vvc_bench.rollout import Scenario
 from vvc_bench.sim.fields import STILL, Conditions
@@ -192,6 +192,12 @@ def _on_task(task: str) -> list[Protocol]:
         Protocol(f"{task}-end-to-end-1k-v0", "the same, commanding the surfaces", end_to_end, _box(task, _TEST)),
         Protocol(
             f"{task}-validation-v0", "1,000 other goals, to choose policies by", scenario, _box(task, _VALIDATION)
+        ),
+        Protocol(
+            f"{task}-sets-validation-v0",
+            "the same, under the rules that the sets of learned flights are kept by",
+            LEARNED,
+            _box(task, _VALIDATION),
         ),
         Protocol(
             f"{task}-end-to-end-validation-v0",
