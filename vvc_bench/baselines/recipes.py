@@ -118,14 +118,14 @@ def train_ppo(
     cloned: Path | None = None,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
-    """Learn by PPO, from nothing or from a cloned policy.
+    """Learn by PPO, from nothing or from a policy that was trained before, as a clone.
 
     Args:
         setting: what all trainings have in common.
         folder: where.
         name: the configuration's.
         configuration: how.
-        cloned: folder of a GCBC training with the same networks; its best policy is the demonstrator.
+        cloned: folder of a training, mostly by GCBC, with the same networks; its best policy is the demonstrator.
         curriculum: one of `CURRICULA`; by default goals are the task's.
 
     Returns:
@@ -133,6 +133,7 @@ def train_ppo(
 
     Raises:
         ValueError: for other networks, or another plan's folder.
+        FileNotFoundError: for a demonstrator without weights.
         OSError: if it cannot be written.
     """
     demonstrator = None if cloned is None else weights(cloned)

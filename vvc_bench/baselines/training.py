@@ -214,7 +214,13 @@ def read_training(folder: Path) -> dict[str, Any]:
 
 
 def weights(folder: Path) -> dict[str, torch.Tensor]:
-    """The weights of a training that did best on the validation goals."""
+    """The weights of a training that did best on the validation goals.
+
+    Raises:
+        FileNotFoundError: if there are none.
+    """
+    if not (folder / BEST).is_file():
+        raise FileNotFoundError(f"{folder} holds no training with a policy to begin with: it has no {BEST}")
     found: dict[str, torch.Tensor] = torch.load(folder / BEST, map_location="cpu", weights_only=True)
     return found
 

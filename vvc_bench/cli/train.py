@@ -23,6 +23,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="a new one, or one to go on in")
     parser.add_argument("--task", choices=list(TASKS), default="hard", help="(default: %(default)s)")
     parser.add_argument("--demos", metavar="SET", help=f"a name, as pid-v0, or a folder; for {', '.join(_CLONING)}")
+    parser.add_argument(
+        "--begin-with",
+        type=Path,
+        metavar="FOLDER",
+        help="a training whose best policy PPO improves on, as runs/irpo/1-ppo",
+    )
     parser.add_argument("--configuration", default="released", metavar="NAME", help=_configurations())
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: %(default)s)")
     parser.add_argument("--steps", type=_count, help="steps of PPO or SAC, in place of the configuration's")
@@ -89,7 +95,8 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
         case "ppo":
-            return recipes.train_ppo(setting, where, name, configuration, curriculum=options.curriculum)
+            begin = {"cloned": options.begin_with, "curriculum": options.curriculum}
+            return recipes.train_ppo(setting, where, name, configuration, **begin)
         case "sac" | "sac-her":
             return recipes.train_sac(setting, where, name, configuration, curriculum=options.curriculum)
     dataset = load_dataset(options.demos)
@@ -129,6 +136,7 @@ def _check(options: argparse.Namespace) -> None:
         "--steps": options.algorithm == "gcbc" and options.steps,
         "--curriculum": options.algorithm == "gcbc" and options.curriculum,
         "--set": options.algorithm == "gcbc" and options.set,
+        "--begin-with": options.algorithm != "ppo" and options.begin_with,
     }
     for option, given in wrong.items():
         if given:
