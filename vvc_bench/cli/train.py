@@ -8,6 +8,7 @@ from typing import Any
 from vvc_bench.baselines.configurations import CONFIGURATIONS, STAGED, StagedConfiguration, with_amount
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
+from vvc_bench.evaluation.protocols import PROTOCOLS
 from vvc_bench.policies.agent import import_extra
 from vvc_bench.tasks import TASKS, make_task
 
@@ -43,6 +44,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=_count,
         default=10,
         help="on the task's validation goals, on the way (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--protocol",
+        type=_validation,
+        metavar="NAME",
+        help="validation goals of another protocol than the task's, as hard-sets-validation-v0",
     )
     parser.add_argument(
         "--set",
@@ -91,6 +98,7 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
         options.threads,
         progress=progress_line,
         fields=dict(options.set),
+        protocol=options.protocol,
     )
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
@@ -137,6 +145,7 @@ def _check(options: argparse.Namespace) -> None:
         "--curriculum": options.algorithm == "gcbc" and options.curriculum,
         "--set": options.algorithm == "gcbc" and options.set,
         "--begin-with": options.algorithm != "ppo" and options.begin_with,
+        "--protocol": options.algorithm == "irpo" and options.protocol,
     }
     for option, given in wrong.items():
         if given:
@@ -155,6 +164,14 @@ def _count(text: str) -> int:
     if not (1 <= value < 1e15 and value == int(value)):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
     return int(value)
+
+
+def _validation(text: str) -> str:
+    """The name of a protocol whose goals no result is reported on, flown by guidance commands."""
+    known = [name for name in PROTOCOLS if "validation" in name and "end-to-end" not in name]
+    if text not in known:
+        raise argparse.ArgumentTypeError(f"must be one of {', '.join(known)}, got {text!r}")
+    return text
 
 
 def _field(text: str) -> tuple[str, float | str]:
