@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 import vvc_bench  # noqa: F401  (registers the ids)
 from vvc_bench import sim
 from vvc_bench.envs import ENVIRONMENT_IDS
+from vvc_bench.envs.options import make_fleet, make_spaces
 from vvc_bench.sim.task import ALL_EVENTS, Event, Task
 
 IDS = list(ENVIRONMENT_IDS)
@@ -34,6 +35,32 @@ def test_gymnasium_accepts_it(environment_id: str, control_mode: str, capfd: pyt
         warnings.filterwarnings("ignore", message=".*symmetric and normalized space.*")  # degrees are the interface
         check_env(environment.unwrapped, skip_render_check=True)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("rules", ["paper", "public_code", "demonstration"])
+def test_numbers_stay_finite_where_extreme_states_end_nothing(rules: str) -> None:
+    """Full deflections for half a second and more roll some aircraft faster than the time steps can follow."""
+    count = 2048
+    fleet = make_fleet(count, rules=rules, terminations=("reach_target", "crash", "time_limit"))
+    fleet.seed(list(range(count)))
+    fleet.begin(np.arange(count))
+    bounds = make_spaces(fleet.settings).action
+    generator = np.random.default_rng(0)
+    actions = np.zeros((count, 3), dtype=np.float32)
+    diverged = 0
+    for _ in range(400):
+        changed = generator.random(count) < 0.05
+        actions[changed] = np.where(generator.random((changed.sum(), 3)) < 0.5, bounds.low, bounds.high)
+        fleet.step(actions)
+        for values in (fleet.observations, fleet.achieved, fleet.report[:, 0], fleet.memories):
+            assert np.isfinite(values).all()
+        diverged += int((fleet.events == Event.EXTREME_STATE).sum())
+        terminated, truncated = fleet.outcomes(fleet.events)
+        assert (terminated | truncated)[fleet.events == Event.EXTREME_STATE].all()
+        ended = np.flatnonzero(terminated | truncated)
+        if ended.size:
+            fleet.begin(ended)
+    assert diverged > 0
 
 
 @needs_vectors

@@ -22,8 +22,10 @@ from vvc_bench.sim.task import (
     direction_error,
     distance_reward,
     fresh_memory,
+    has_diverged,
     judge,
     judge_demonstration,
+    judge_diverged,
     judge_publicly,
     wrapped,
 )
@@ -45,7 +47,8 @@ REPORT = (
     *("load_factor_g", "clipped_commands", "steps"),
 )
 """Columns of the report that `fly_rows` writes: the step's reward, errors (goal less achieved; the direction error is
-an angle), load factor, components of the command clipped in this step, and steps of the episode so far."""
+an angle; NaN where a state has diverged), load factor, components of the command clipped in this step, and steps of the
+episode so far."""
 
 
 @kernel
@@ -91,7 +94,9 @@ def fly_row(
     goal, memory = load_goal(goals, i), load_memory(memories, i)
     roll_before, clipped_before = rows[i, _ROLL], rows[i, _CLIPPED]
     after = advance_row(rows, commands, conditions, scheme, rows, i)
-    if task.rules == 0.0:
+    if has_diverged(after):
+        outcome = judge_diverged(task, memory)
+    elif task.rules == 0.0:
         outcome = judge(task, memory, roll_before, after, goal)
     elif task.rules == 1.0:
         outcome = judge_publicly(task, memory, memories[:, _MEMORY:], i, roll_before, after, goal)

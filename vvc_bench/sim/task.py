@@ -147,6 +147,8 @@ _ALONG_ENOUGH = 0.7
 _NO_ROLL = degrees(0.01)  # flycraft's ROLL_THRESHOLD
 _IGNORED_ERROR = degrees(1.0)  # flycraft's ignore_mu_error, ignore_chi_error
 _BEFORE_ANY_ERROR = degrees(-360.0)
+_DIVERGED = 1e4
+"""m/s and rad/s together, that nothing flies."""
 _RT, _C, _ES, _T = (int(event) for event in (Event.REACH_TARGET, Event.CRASH, Event.EXTREME_STATE, Event.TIME_LIMIT))
 _CMA, _CR, _NOBR = (int(event) for event in (Event.MOVE_AWAY, Event.ROLL_ON, Event.NEGATIVE_LOAD_BANKED))
 _FAILURES = int(FAILURES)
@@ -217,6 +219,36 @@ def _rolled_on(rolled: float, before: float, after: float) -> float:
     if abs(after - before) < _NO_ROLL:
         return 0.0
     return rolled + turn if rolled * turn > 0.0 else turn
+
+
+@kernel
+def has_diverged(state: State) -> bool:
+    """Whether a state is none any more, which NaN is not either.
+
+    Past `Event.EXTREME_STATE` an aircraft may roll faster than a time step follows, and the equations then grow without
+    end within a few steps.
+    """
+    return not abs(state.speed) + abs(state.roll_rate) < _DIVERGED
+
+
+@kernel
+def judge_diverged(task: Task, memory: Memory) -> Outcome:
+    """The end of an episode whose state has diverged: an extreme state, also where that ends no others."""
+    steps = memory.steps + 1.0
+    ended = Memory(
+        steps,
+        memory.steps_on_goal + 1.0,
+        0.0,
+        memory.direction_error,
+        0.0,
+        memory.path_angle_error,
+        memory.azimuth_error,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
+    return Outcome(ended, _ES, failure_penalty(steps, task), math.nan, math.nan)
 
 
 @kernel
