@@ -132,13 +132,12 @@ def test_over_ray_the_bytes_are_the_same(made: Path, tmp_path: Path) -> None:
         ray.shutdown()
 
 
-def test_a_policy_of_the_package_makes_its_set(made: Path, tmp_path: Path) -> None:
+def test_a_policy_of_the_package_makes_its_set(tmp_path: Path) -> None:
     sample = CATALOGUE["irpo1-sample-v0"]
     assert isinstance(sample.recipe, Updated)
-    original = open_dataset(made)
-    build_dataset(CATALOGUE["pid-aug-sample-v0"], tmp_path / "aug", find_parent=lambda _: original)
-    parent = open_dataset(tmp_path / "aug")
-    build_dataset(sample, tmp_path / "irpo", find_parent={"pid-aug-sample-v0": parent}.__getitem__)
+    make(tmp_path / "pursuit", CATALOGUE["pursuit-sample-v0"])
+    parent = open_dataset(tmp_path / "pursuit")
+    build_dataset(sample, tmp_path / "irpo", find_parent={"pursuit-sample-v0": parent}.__getitem__)
     stored = open_dataset(tmp_path / "irpo")
     assert stored.manifest["parents"] == {parent.name: parent.hash}
     flights = stored.where(source=f"irpo1-sample-v0/{sample.recipe.policy}")

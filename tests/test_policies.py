@@ -140,11 +140,12 @@ def test_the_guidance_law_does_not_command_surfaces() -> None:
 
 
 def test_trained_policies_are_those_that_the_sets_name() -> None:
-    for k, name in enumerate(TRAINED, start=1):
-        agent, recipe = open_agent(name), CATALOGUE[f"irpo{k}-v0"].recipe
+    for name in TRAINED:
+        agent = open_agent(name)
+        assert find_trained(agent.sha256).name == name
+        recipe = CATALOGUE[f"{name}-v0"].recipe
         assert isinstance(recipe, Updated)
-        assert recipe.policy == f"sha256:{agent.describe()['sha256']}"
-        assert find_trained(recipe.policy.removeprefix("sha256:")).name == name
+        assert recipe.policy == f"sha256:{agent.sha256}"
         check_model((Path(opening.__file__).parent / "models" / f"{name}.onnx").read_bytes())
     with pytest.raises(ValueError, match="unknown trained policy 'irpo0'; known are irpo1"):
         open_trained("irpo0")

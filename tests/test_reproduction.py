@@ -15,7 +15,7 @@ from small_flights import flights
 
 from vvc_bench.baselines.configurations import GCBC_SMALL, PPO_SMALL, Configuration, amount_of
 from vvc_bench.cli import main
-from vvc_bench.datasets.catalogue import CATALOGUE, goals_flown
+from vvc_bench.datasets.catalogue import CATALOGUE, LEARNED, goals_flown
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation import named_protocol
@@ -28,6 +28,7 @@ from vvc_bench.reproduction.trials import (
     GCBC,
     PPO,
     SETS,
+    SHIPPED,
     SMALL,
     TABLES_OF_LEARNERS,
     WITHOUT_PENALTY,
@@ -175,8 +176,9 @@ def test_trials_can_be_run(budget: Budget) -> None:
     assert {trial.algorithm for trial in trials} == {"gcbc", "ppo", "sac", "sac-her"}
     for name in budget.protocols:
         named_protocol(name)
-    # irpo sets have no samples; everything else is in the catalogue
-    assert {budget.set_name(name) for name in SETS if "irpo" not in name or not budget.samples} <= set(CATALOGUE)
+    # the sets of learned policies have no samples; everything else is in the catalogue
+    learned = {name for name in SETS if CATALOGUE[name].scenario == LEARNED}
+    assert {budget.set_name(name) for name in SETS if name not in learned or not budget.samples} <= set(CATALOGUE)
 
 
 def test_budgets_are_what_they_say() -> None:
@@ -365,7 +367,7 @@ def test_learners_are_trained_once_judged_and_kept(tmp_path: Path, monkeypatch: 
     assert third["sets"]["search-sample-v0"] == load_dataset("search-sample-v0").hash
 
     for row in third["rows"][1:]:
-        assert row["ours"] is None or "irpo" in row["name"]
+        assert row["ours"] is None or row["name"] in SHIPPED
         assert row["verdict"]["verdict"] == (NO_FIGURE if row["ours"] else NOT_RUN)
         assert row["ours"] or row["verdict"]["detail"]
 

@@ -15,9 +15,18 @@ from vvc_bench import load_dataset
 
 RESULTS = Path(__file__).parents[2] / "results"
 TRAININGS = RESULTS / "trainings"
-LADDER = ("pid-aug-v0", "irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0")
-ALONE = {"PPO": "ppo", "GCBC+PPO from pid-aug-v0": "gcbc-ppo-pid-aug", "GCBC+PPO from search-v0": "gcbc-ppo-search"}
-"""Label → trial."""
+LADDERS = {
+    "irpo_coverage.png": ("pursuit-v0", "irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0"),
+    "learned_coverage.png": ("learned1-aug-v0", "learned2-aug-v0", "learned3-aug-v0"),
+}
+"""File → sets side by side."""
+ALONE = {
+    "GCBC+PPO from search-v0, an hour": "learned/1-ppo",
+    "GCBC+PPO from search-v0": "laptop/gcbc-ppo-search-seed0",
+    "GCBC+PPO from pid-aug-v0": "laptop/gcbc-ppo-pid-aug-seed0",
+    "PPO": "laptop/ppo-seed0",
+}
+"""Label → what was trained."""
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -49,7 +58,7 @@ def draw_curves() -> None:
         begun += steps[-1]
         axes.axvline(begun, color=FAINT, linewidth=0.8, linestyle=":")
     for colour, (label, trial) in zip(COLOURS[1:], ALONE.items(), strict=False):
-        axes.plot(*curve(read(TRAININGS / "laptop" / f"{trial}-seed0.json")), color=colour, linewidth=2, label=label)
+        axes.plot(*curve(read(TRAININGS / f"{trial}.json")), color=colour, linewidth=2, label=label)
     axes.legend(frameon=False, fontsize=10, loc="lower right")
     finish(axes, x="million steps of PPO", y="validation goals reached, %")
     save(figure, "learning_curves.png")
@@ -59,13 +68,13 @@ def ladder_table() -> str:
     rows = []
     for row in read(RESULTS / "table1-laptop.json")["rows"]:
         ours, paper = row["ours"], row["paper"]
-        if not paper:
+        if row["set"] == "search-v0":
             continue
         rows.append(
             [
                 f"`{row['set']}`",
                 f"{ours['coverage_percent']:.2f} %",
-                f"{paper['coverage_percent']:.2f} %",
+                f"{paper['coverage_percent']:.2f} %" if paper else "",
                 *(f"{ours[name]['mean']:.{digits}f} ± {ours[name]['std']:.{digits}f}" for name, digits in MEASURES),
             ]
         )
@@ -79,9 +88,11 @@ MEASURES = (("length_steps", 0), ("speed_error_mps", 2), ("path_angle_error_deg"
 def learners_table() -> str:
     """Rows of Tables 2, 3 and 9, each learner once."""
     rows: dict[str, list[str]] = {}
+    protocols: list[str] = []
     for name in ("table2", "table3", "table9"):
         for row in read(RESULTS / f"{name}-laptop.json")["rows"]:
             if row["ours"]:
+                protocols = list(row["ours"])
                 trained = row.get("trainings", ())
                 amounts = " + ".join(f"{each['done']:,} {each['unit']}" for each in trained)
                 minutes = sum(each["wall_s"] for each in trained) / 60.0
@@ -91,12 +102,13 @@ def learners_table() -> str:
                     amounts or "ships with the package",
                     f"{minutes:.0f}" if trained else "",
                 ]
-    return table(["", "hard-1k-v0, %", "normal-1k-v0, %", "trained for", "minutes"], rows.values())
+    return table(["", *(f"{name}, %" for name in protocols), "trained for", "minutes"], rows.values())
 
 
 def main() -> None:
     draw_curves()
-    draw_coverage({name.removesuffix("-v0"): load_dataset(name).read() for name in LADDER}, "irpo_coverage.png")
+    for file, names in LADDERS.items():
+        draw_coverage({name.removesuffix("-v0"): load_dataset(name).read() for name in names}, file)
     report("learning.md", {"ladder": ladder_table(), "learners": learners_table()})
 
 

@@ -4,6 +4,7 @@ A name's meaning never changes: another figure is a new version.
 """
 
 import difflib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -166,16 +167,49 @@ SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patien
 """Of the sets with one flight to a goal, and with several."""
 
 _IRPO_POLICIES = {
-    1: "386a02df1d96bf8e1684922b2f3cf16fd299c5b27a639c6618e80a0da26fc98a",
-    2: "3595b821767587ebc41e77fd604d76ddf629468f89c9dd246c7b7d04cec3c225",
-    3: "e00dc389c4579d7545dd999a5f9158dc0849417b9a044fdc604c1a3489820df3",
+    1: "07ffcdadeeb5c75c9d8c09b32a5d44859f1160c72296306e922c792abdf53fe7",
+    2: "c97dc839257b1746556c884f4e071150a0c82dab7f34682666ab893cc98fb3b8",
+    3: "dc39ac85f17a5bf406b5be3c8175ee68688fbd169a81cf75e15e5a2fa90c4857",
 }
-"""Iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
+"""IRPO's iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
+_LEARNED_POLICIES = {
+    1: "74fe13e33ed34e8ad4cc6eb13bf0f1e1b4aa106f18d83294c80c5e979921fc06",
+    2: "8690f5e66a72745d4ccbfe13abd9749a25e29a8e88eb007fb2bc55bb0f01512c",
+    3: "14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",
+}
+"""The same for the sets that begin with the search's flights."""
 
 
-def _before_irpo(k: int) -> str:
-    """The set that iteration k begins from."""
-    return "pid-aug-v0" if k == 1 else f"irpo{k - 1}-aug-v0"
+def _updated(
+    family: str, first: str, step: str, policies: Mapping[int, str], published: int | None = None
+) -> Iterator[Specification]:
+    """Sets made from one another by policies, and each one's mirror image, from which the next is made.
+
+    Args:
+        family: of their names.
+        first: the set that the first is made from.
+        step: what is counted, in words.
+        policies: number → SHA-256.
+        published: number on OpenML of the paper's first such set, if it has the like.
+    """
+    parent = first
+    for k, sha256 in policies.items():
+        name = f"{family}{k}-v0"
+        yield Specification(
+            name,
+            f"{parent} after the policy of {step} {k} has flown the grid",
+            LEARNED,
+            Updated(PAPER_GRID, parent, f"{BY_HASH}{sha256}"),
+            published=Published(f"D_E^{k}", published + 2 * k - 2) if published else None,
+        )
+        parent = f"{family}{k}-aug-v0"
+        yield Specification(
+            parent,
+            f"{name} and its mirror image",
+            LEARNED,
+            Mirrored(name, resimulate=False),
+            published=Published(f"D_E^{k}, augmented", published + 2 * k - 1) if published else None,
+        )
 
 
 CATALOGUE = {
@@ -229,6 +263,12 @@ CATALOGUE = {
             FlownByLaw(PAPER_GRID, PURSUIT),
         ),
         Specification(
+            "pursuit-sample-v0",
+            "315 goals of pursuit-v0, for tests and tutorials",
+            HARD,
+            FlownByLaw(SAMPLE_GRID, PURSUIT),
+        ),
+        Specification(
             "search-v0",
             "the shortest flight to each goal that a search found, under the rules of VVC/Hard-v0",
             HARD,
@@ -258,31 +298,13 @@ CATALOGUE = {
             HARD,
             Searched(SAMPLE_GRID, Budget(sweeps=3, generations=1, population=16, ways=NICHES, patience=1.3)),
         ),
-        *(
-            Specification(
-                f"irpo{k}-v0",
-                f"{_before_irpo(k)} after the policy of IRPO's iteration {k} has flown the grid",
-                LEARNED,
-                Updated(PAPER_GRID, _before_irpo(k), f"{BY_HASH}{sha256}"),
-                published=Published(f"D_E^{k}", 46010 + 2 * k),
-            )
-            for k, sha256 in _IRPO_POLICIES.items()
-        ),
-        *(
-            Specification(
-                f"irpo{k}-aug-v0",
-                f"irpo{k}-v0 and its mirror image",
-                LEARNED,
-                Mirrored(f"irpo{k}-v0", resimulate=False),
-                published=Published(f"D_E^{k}, augmented", 46011 + 2 * k),
-            )
-            for k in _IRPO_POLICIES
-        ),
+        *_updated("irpo", "pursuit-v0", "IRPO's iteration", _IRPO_POLICIES, published=46012),
+        *_updated("learned", "search-v0", "step", _LEARNED_POLICIES),
         Specification(
             "irpo1-sample-v0",
             "315 goals of irpo1-v0, for tests and tutorials",
             LEARNED,
-            Updated(SAMPLE_GRID, "pid-aug-sample-v0", f"{BY_HASH}{_IRPO_POLICIES[1]}"),
+            Updated(SAMPLE_GRID, "pursuit-sample-v0", f"{BY_HASH}{_IRPO_POLICIES[1]}"),
         ),
     )
 }

@@ -1,4 +1,4 @@
-"""Trained policies that come with the package, as ONNX files: those whose flights are in IRPO's sets.
+"""Trained policies that come with the package, as ONNX files: those whose flights are in sets.
 
 How each was trained is in ``results/trainings`` of the repository, and in docs/learning.md.
 """
@@ -7,7 +7,7 @@ from importlib.resources import as_file, files
 
 from vvc_bench.policies.onnx import OnnxAgent, open_onnx
 
-TRAINED = ("irpo1", "irpo2", "irpo3")
+TRAINED = ("irpo1", "irpo2", "irpo3", "learned1", "learned2", "learned3")
 """Their names."""
 
 _MODELS = "models"
