@@ -63,7 +63,9 @@ def test_verifying_finds_one_changed_byte(home: Path, tmp_path: Path) -> None:
 
 def test_differences_between_two_sets(home: Path) -> None:
     assert run(home, "build", "pid-aug-sample-v0").returncode == 0
-    found = json.loads(run(home, "diff", SAMPLE, "pid-aug-sample-v0", "--json").stdout)
+    done = run(home, "diff", SAMPLE, "pid-aug-sample-v0", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
     assert found["gained"] == [[300.0, -30.0, -60.0]]
     assert found["lost"] == []
     assert len(found["shortened"]) > 10

@@ -16,6 +16,7 @@ import threading
 import weakref
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 
 from vvc_bench.datasets.manifest import CorruptDataset, damaged
 from vvc_bench.datasets.schema import Column, Values, arrow_schema
+from vvc_bench.sim.parallel import available_threads
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
 
 _MAGIC = 4  # bytes of "PAR1", which a file begins with
 _BLOCK = 1 << 20
-_SEVERAL_GROUPS = 2  # fewer row groups are decoded sooner than threads for them are started
+_GROUPS_OF_A_THREAD = 2  # so few row groups are decoded sooner than a thread for them is started
 
 
 class Pieces(NamedTuple):
@@ -219,11 +221,24 @@ class PiecewiseTable:
         Raises:
             CorruptDataset: if what is read is not what was written.
         """
-        chosen = range(self._footer.num_row_groups) if groups is None else groups
-        several = len(chosen) > _SEVERAL_GROUPS
+        import pyarrow as pa
+
+        chosen = list(range(self._footer.num_row_groups) if groups is None else groups)
+        count = min(available_threads(), -(-len(chosen) // _GROUPS_OF_A_THREAD)) or 1
+        parts = [chosen[len(chosen) * k // count : len(chosen) * (k + 1) // count] for k in range(count)]
         with _decoding(self._file):
-            table = self._reader.read_row_groups(list(chosen), columns=list(names), use_threads=several)
-            return _arrays(table, names)
+            if count == 1:
+                return _arrays(self._read_groups(names, chosen), names)
+            with ThreadPoolExecutor(count) as pool:
+                tables = list(pool.map(functools.partial(self._read_groups, names), parts))
+            return _arrays(pa.concat_tables(tables), names)
+
+    def _read_groups(self, names: Sequence[str], groups: Sequence[int]) -> "pa.Table":
+        """Some row groups, in this thread.
+
+        Arrow's own threads let go of Python's bytes late, and abort a process that is ending then (apache/arrow#34314).
+        """
+        return self._reader.read_row_groups(groups, columns=list(names), use_threads=False)
 
     @property
     def _reader(self) -> "pq.ParquetFile":
@@ -249,7 +264,8 @@ def read_whole(file: OpenFile, sha256: str, known: Mapping[str, Column], rows: i
     if hashlib.sha256(content).hexdigest() != sha256:
         raise damaged(file.path, "differs from its checksum")
     with _decoding(file):
-        table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
+        # in this thread, as in `PiecewiseTable`
+        table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read(use_threads=False)
     _require(file, table.schema, table.num_rows, known, rows)
     notes = {name.decode(): note.decode() for name, note in (table.schema.metadata or {}).items()}
     return _arrays(table, list(known)), notes
