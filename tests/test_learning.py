@@ -616,7 +616,7 @@ def test_configurations_by_name() -> None:
         (["irpo", "--demos", "pid-v0", "--protocol", "hard-sets-validation-v0"], "--protocol means nothing to irpo"),
         (["sac", "--begin-with", "runs/x"], "--begin-with means nothing to sac"),
         (["ppo", "--begin-with", "runs/x"], "holds no training with a policy to begin with"),
-        (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast, further, small"),
+        (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
         (["ppo", "--set", "band=1"], "unknown task field 'band'"),
         (["ppo", "--set", "direction_band_deg=-1"], "direction_band_deg must"),
