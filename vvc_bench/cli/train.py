@@ -103,8 +103,9 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
         case "ppo":
-            begin = {"cloned": options.begin_with, "curriculum": options.curriculum}
-            return recipes.train_ppo(setting, where, name, configuration, **begin)
+            return recipes.train_ppo(
+                setting, where, name, configuration, cloned=options.begin_with, curriculum=options.curriculum
+            )
         case "sac" | "sac-her":
             return recipes.train_sac(setting, where, name, configuration, curriculum=options.curriculum)
     dataset = load_dataset(options.demos)
