@@ -293,7 +293,7 @@ def learners_document(**row: Any) -> dict[str, Any]:
         "trainings": trainings,
         "verdict": {"verdict": NO_FIGURE, "detail": ""},
     }
-    budget = {"name": "full", "says": "all of it", "protocols": ["hard-1k-v0"]}
+    budget = {"name": "full", "says": "all of it", "protocols": ["hard-1k-v0"], "seeds": [0, 1, 2, 3, 4]}
     return {"table": "table9", "title": "Without demonstrations", "budget": budget, "rows": [made | row]}
 
 
@@ -312,6 +312,12 @@ def test_rows_of_learners_say_what_was_spent() -> None:
         "131,072 steps, 5 seeds, 4.2 h, 2 threads",
         "no paper figure at hand",
     ]
+
+
+def test_a_table_says_by_which_command_it_was_made() -> None:
+    assert "`vvc-bench reproduce table9 --budget full --seeds 5`" in as_markdown(learners_document())
+    with pytest.raises(ValueError, match="at least one seed, got 0"):
+        SMALL.with_seeds(0)
 
 
 def test_a_row_that_was_not_run_says_why() -> None:
@@ -339,7 +345,7 @@ def test_learners_are_trained_once_judged_and_kept(tmp_path: Path, monkeypatch: 
         pytest.importorskip(module, reason=f"{module} is not installed: {TRAIN}")
     chosen = {"table3": ("Some of it", lambda budget: (table_3(budget)[3], table_3(budget)[-1], table_2(budget)[2]))}
     monkeypatch.setattr("vvc_bench.reproduction.reproduce.TABLES_OF_LEARNERS", chosen)
-    budget = dataclasses.replace(SMALL, configurations=TINY, seeds=(0, 1), evaluations=1)
+    budget = dataclasses.replace(SMALL, configurations=TINY, evaluations=1).with_seeds(2)
     output, runs = tmp_path / "results", tmp_path / "runs"
 
     third = reproduce("table3", budget, output, runs, progress=progress_line)

@@ -165,6 +165,11 @@ _IRPO_2_FAST = _IRPO_1_FAST._replace(steps=13_000_000, first_exploration=0.15)
 _IRPO_3_FAST = _IRPO_2_FAST._replace(steps=20_000_000)
 """The penalty stays as it is in the first iteration: at 0.1 the second stayed at what was cloned (57.9 % of the
 validation goals, 59.7 % after 23 million steps; at 0.001, 65.2 % after 13 million)."""
+_IRPO_1_LONG = _LONG._replace(steps=40_000_000, demonstrator_penalty=1e-3)
+_IRPO_2_LONG = _IRPO_1_LONG._replace(
+    steps=25_000_000, warm_up_steps=2_000_000, learning_rate=3e-4, first_exploration=0.15
+)
+"""At a rate of 1e-3 PPO lost ten points of what a good clone could do, and half of its steps on getting them back."""
 
 STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
     {
@@ -178,6 +183,7 @@ STAGED: Mapping[str, Mapping[str, StagedConfiguration]] = MappingProxyType(
         "irpo": {
             "released": _staged(GCBC_RELEASED, IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_3_RELEASED),
             "fast": _staged(GCBC_FAST._replace(epochs=6), _IRPO_1_FAST, _IRPO_2_FAST, _IRPO_3_FAST),
+            "long": _staged(GCBC_FAST._replace(epochs=10), _IRPO_1_LONG, _IRPO_2_LONG, _IRPO_2_LONG),
             "small": _staged(
                 GCBC_SMALL,
                 *(_from_demonstrator(PPO_SMALL, each) for each in (IRPO_1_RELEASED, IRPO_2_RELEASED, IRPO_2_RELEASED)),

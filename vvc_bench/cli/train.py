@@ -32,8 +32,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--configuration", default="released", metavar="NAME", help=_configurations())
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: %(default)s)")
-    parser.add_argument("--steps", type=_count, help="steps of PPO or SAC, in place of the configuration's")
-    parser.add_argument("--epochs", type=_count, help="epochs of GCBC, in place of the configuration's")
+    parser.add_argument("--steps", type=count, help="steps of PPO or SAC, in place of the configuration's")
+    parser.add_argument("--epochs", type=count, help="epochs of GCBC, in place of the configuration's")
     parser.add_argument(
         "--curriculum",
         choices=CURRICULA,
@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--evaluations",
-        type=_count,
+        type=count,
         default=10,
         help="on the task's validation goals, on the way (default: %(default)s)",
     )
@@ -59,7 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FIELD=VALUE",
         help="learn by PPO or SAC on a variant of the task, as --set direction_band_deg=1; may be given several times",
     )
-    parser.add_argument("--threads", type=_count, default=1, help="at most so many (default: %(default)s)")
+    parser.add_argument("--threads", type=count, default=1, help="at most so many (default: %(default)s)")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
@@ -156,7 +156,7 @@ def _check(options: argparse.Namespace) -> None:
     make_task(TASKS[options.task].task, **dict(options.set))
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
     """A whole number from 1; 1e6 will do."""
     try:
         value = float(text)

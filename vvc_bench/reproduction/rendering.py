@@ -5,6 +5,7 @@ from typing import Any
 
 from vvc_bench.metrics import CRITERIA, Spread
 from vvc_bench.page import UNKNOWN, number, significant
+from vvc_bench.reproduction.trials import TABLES_OF_LEARNERS
 from vvc_bench.reproduction.verdicts import TABLE_1, Measure, Verdict
 
 NOT_AT_HAND = "not at hand"
@@ -41,7 +42,8 @@ def as_markdown(document: Mapping[str, Any]) -> str:
             header, cells, note = _learners(rows, budget["protocols"])
     title = f"# Table {document['table'].removeprefix('table')}: {document['title']}"
     said = f"Budget {budget['name']}: {budget['says']}."
-    made = f"Made by `vvc-bench reproduce {document['table']} --budget {budget['name']}`."
+    seeds = f" --seeds {len(budget['seeds'])}" if document["table"] in TABLES_OF_LEARNERS else ""
+    made = f"Made by `vvc-bench reproduce {document['table']} --budget {budget['name']}{seeds}`."
     return "\n\n".join([title, f"{said} {made}", _grid(header, cells), note]) + "\n"
 
 
@@ -130,7 +132,7 @@ def _spent(row: Mapping[str, Any]) -> str:
     threads = max(each["threads"] for each in trainings)
     parts = [
         amounts,
-        *([f"{len(runs)} seeds"] if len(runs) > 1 else []),
+        f"{len(runs)} seed" + "s" * (len(runs) > 1),
         _duration(sum(each["wall_s"] for each in trainings)),
         f"{threads} thread" + "s" * (threads > 1),
     ]

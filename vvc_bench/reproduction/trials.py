@@ -3,6 +3,7 @@
 The paper's text was not at hand: which rows stand together is ours, from what is known of its tables.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -66,7 +67,7 @@ class Budget:
         task: that is learned.
         samples: whether samples stand for the sets.
         configurations: kind of learner → name and values.
-        seeds: each learner is trained once with each.
+        seeds: each learner is trained once with each; another number of them may be asked for (`with_seeds`).
         curricula: that PPO is tried with, besides the task's own goals.
         protocols: what policies are judged on; the paper's figure is compared with the first.
         evaluations: on validation goals during a training.
@@ -89,6 +90,16 @@ class Budget:
     def set_name(self, name: str) -> str:
         """The set that stands for one at this budget: itself or its sample."""
         return f"{name.removesuffix('-v0')}-sample-v0" if self.samples else name
+
+    def with_seeds(self, count: int) -> "Budget":
+        """The same with so many seeds, from 0.
+
+        Raises:
+            ValueError: for less than one.
+        """
+        if count < 1:
+            raise ValueError(f"learners take at least one seed, got {count}")
+        return dataclasses.replace(self, seeds=tuple(range(count)))
 
 
 @dataclass(frozen=True)
@@ -179,7 +190,7 @@ SMALL = Budget(
 _JUDGED = ("hard-1k-v0", "normal-1k-v0")
 LAPTOP = Budget(
     "laptop",
-    "whole sets and the hard task; learners get less than the authors', and one seed",
+    "whole sets and the hard task; learners get less than the authors'",
     task="hard",
     samples=False,
     configurations=_configurations(
@@ -198,7 +209,7 @@ LAPTOP = Budget(
 )
 FULL = Budget(
     "full",
-    "what the authors released, five seeds",
+    "what the authors released",
     task="hard",
     samples=False,
     configurations=_configurations(
