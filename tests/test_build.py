@@ -140,7 +140,7 @@ def test_a_policy_of_the_package_makes_its_set(tmp_path: Path) -> None:
     build_dataset(sample, tmp_path / "irpo", find_parent={"pursuit-sample-v0": parent}.__getitem__)
     stored = open_dataset(tmp_path / "irpo")
     assert stored.manifest["parents"] == {parent.name: parent.hash}
-    flights = stored.where(source=f"irpo1-sample-v0/{sample.recipe.policy}")
+    flights = stored.where(source=f"irpo1-sample-v0/{sample.recipe.policies[0]}")
     assert len(flights) > len(stored) / 2
     assert len(stored) > len(fly_under(parent.read(), sample.scenario))
     assert fly_again(stored.read()).passed
@@ -149,7 +149,7 @@ def test_a_policy_of_the_package_makes_its_set(tmp_path: Path) -> None:
 def test_what_cannot_be_built_is_refused(tmp_path: Path) -> None:
     sample = CATALOGUE["irpo1-sample-v0"]
     assert isinstance(sample.recipe, Updated)
-    other = dataclasses.replace(sample, recipe=dataclasses.replace(sample.recipe, policy="sha256:00"))
+    other = dataclasses.replace(sample, recipe=dataclasses.replace(sample.recipe, policies=("sha256:00",)))
     with pytest.raises(ValueError, match="no policy of the package has the SHA-256 00"):
         make(tmp_path / "x", other)
     with pytest.raises(ValueError, match="shards must be 1 to 315, the number of goals; got 0"):

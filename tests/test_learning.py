@@ -614,6 +614,8 @@ def test_configurations_by_name() -> None:
         (["sac", "--epochs", "9"], "--epochs means nothing to sac"),
         (["gcbc", "--demos", "pid-v0", "--curriculum", "mega"], "--curriculum means nothing to gcbc"),
         (["irpo", "--demos", "pid-v0", "--protocol", "hard-sets-validation-v0"], "--protocol means nothing to irpo"),
+        (["ppo", "--seeds", "2"], "--seeds means nothing to ppo"),
+        (["gcbc", "--demos", "pid-v0", "--processes", "2"], "--processes means nothing to gcbc"),
         (["sac", "--begin-with", "runs/x"], "--begin-with means nothing to sac"),
         (["ppo", "--begin-with", "runs/x"], "holds no training with a policy to begin with"),
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast"),
@@ -663,38 +665,49 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     ppo = TINY_PPO._replace(demonstrator_penalty=1e-3, warm_up_steps=500, learning_rate=3e-4)
     configuration = StagedConfiguration(GCBC_SMALL._replace(epochs=4), (ppo,))
     dataset, setting = load_dataset("pid-sample-v0"), Setting("normal", evaluations=1)
-    result = train_irpo(setting, tmp_path / "run", dataset, "test", configuration, curriculum="intermediate")
+
+    def run(setting: Setting, processes: int = 1) -> dict[str, Any]:
+        more = {"seeds": 2, "processes": processes, "curriculum": "intermediate"}
+        return train_irpo(setting, tmp_path / "run", dataset, "test", configuration, **more)
+
+    result = run(setting, processes=2)
     kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*") if path.name != SUMMARY}
     updated, image = (open_dataset(tmp_path / "run" / name) for name in ("1-set", "1-set-mirrored"))
-    policy = open_agent(str(tmp_path / "run" / "1-ppo" / BEST_POLICY))
-    sha256 = policy.describe()["sha256"]
+    policies = [open_agent(str(tmp_path / "run" / f"1-seed{seed}" / "ppo" / BEST_POLICY)) for seed in (0, 1)]
+    hashes = [f"sha256:{policy.describe()['sha256']}" for policy in policies]
+    assert len(set(hashes)) == 2
 
     begun = fly_under(dataset.read(), LEARNED)
     assert 0 < len(begun) <= len(dataset)
-    flown = fly_policy(LEARNED, SAMPLE_GRID.goals, policy.begin(np.zeros(315, dtype=np.int64))).episodes
-    before = dict(zip(map(tuple, begun.goals.tolist()), begun.lengths.tolist(), strict=True))
-    after = dict(zip(map(tuple, updated.goals.tolist()), updated.lengths.tolist(), strict=True))
-    reached = dict(zip(map(tuple, flown.goals.tolist()), flown.lengths.tolist(), strict=True))
-    assert after == {goal: min(each.get(goal, 9999) for each in (before, reached)) for goal in before | reached}
-    by_policy = updated.where(source=f"irpo1-seed0/sha256:{sha256}")
-    assert 0 < len(by_policy) < len(updated)
-    assert updated.manifest["specification"]["recipe"]["policy"] == f"sha256:{sha256}"
+    seeds = np.zeros(315, dtype=np.int64)
+    flown = [fly_policy(LEARNED, SAMPLE_GRID.goals, policy.begin(seeds)).episodes for policy in policies]
+    known = [dict(zip(map(tuple, each.goals.tolist()), each.lengths.tolist(), strict=True)) for each in (begun, *flown)]
+    shortest = {goal: min(each.get(goal, 9999) for each in known) for goal in {goal for each in known for goal in each}}
+    assert dict(zip(map(tuple, updated.goals.tolist()), updated.lengths.tolist(), strict=True)) == shortest
+    shares = [len(updated.where(source=f"irpo1-seed0/{each}")) for each in hashes]
+    assert all(0 < share < len(updated) for share in shares)
+    assert updated.manifest["specification"]["recipe"]["policies"] == hashes
+    reports = updated.manifest["metrics"]["updates"]
+    assert [reports[each]["reached"] for each in hashes] == [len(each) for each in flown]
+    assert len(begun) + sum(report["new_goals"] for report in reports.values()) == len(updated)
     assert updated.manifest["parents"] == {"pid-sample-v0": dataset.hash}
     assert updated.manifest["counts"]["goals_flown"] == image.manifest["counts"]["goals_flown"] == 315
     assert fly_again(updated.read()).divergences == ()
     assert len(image) >= len(updated)
 
-    judged_on = {read_training(tmp_path / "run" / stage)["protocol"] for stage in ("1-gcbc", "1-ppo")}
-    assert [named_protocol(name).scenario for name in judged_on] == [LEARNED]
-    assert read_training(tmp_path / "run" / "1-ppo")["plan"]["curriculum"] == "intermediate"
+    trained = [
+        read_training(tmp_path / "run" / f"1-seed{seed}" / stage) for seed in (0, 1) for stage in ("gcbc", "ppo")
+    ]
+    assert [named_protocol(name).scenario for name in {each["protocol"] for each in trained}] == [LEARNED]
+    assert [each["plan"]["seed"] for each in trained] == [0, 0, 1, 1]
+    assert trained[3]["plan"]["curriculum"] == "intermediate"
 
-    def again(setting: Setting) -> dict[str, Any]:
-        return train_irpo(setting, tmp_path / "run", dataset, "test", configuration, curriculum="intermediate")
-
-    assert again(setting) == result
+    assert run(setting) == result
     assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*") if path.name != SUMMARY}
     with pytest.raises(ValueError, match="holds a training with"):
-        again(Setting("normal", 1, 1))
+        run(Setting("normal", evaluations=2))
+    with pytest.raises(ValueError, match="at least one seed and one process, got 2 and 0"):
+        run(setting, processes=0)
 
 
 def test_gcbc_and_then_ppo_names_its_demonstrator(small_set: Dataset, tmp_path: Path) -> None:

@@ -1,15 +1,20 @@
-"""IRPO: clone, improve, fly every goal, keep what is new or shorter, add the mirror image; and again from there."""
+"""IRPO: clone, improve, fly every goal, keep what is new or shorter, add the mirror image; and again from there.
+
+As the authors' public script does (``rollout_by_policy_and_update_demostrations.py`` of ``fly-craft-examples``), a set
+is updated by policies of several seeds, one after another.
+"""
 
 import dataclasses
+import multiprocessing
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from vvc_bench.baselines.configurations import StagedConfiguration
-from vvc_bench.baselines.recipes import Setting, train_gcbc, train_ppo
+from vvc_bench.baselines.recipes import PPO, Setting, silent, train_gcbc_ppo
 from vvc_bench.baselines.training import BEST_POLICY, write_json
-from vvc_bench.datasets.build import add_mirror_image, update_by_policy
+from vvc_bench.datasets.build import add_mirror_image, update_by_policies
 from vvc_bench.datasets.catalogue import BY_HASH, LEARNED, GoalGrid, Mirrored, Specification, Updated, grid_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.manifest import MANIFEST
@@ -26,15 +31,17 @@ def train_irpo(
     name: str,
     configuration: StagedConfiguration,
     *,
+    seeds: int = 1,
+    processes: int = 1,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Iterate. What is done is not done again: each stage is a folder of its own.
 
-    Iteration k clones the set before it (``k-gcbc``), improves the best clone by PPO (``k-ppo``), flies the grid with
-    the best policy's deterministic actions under the rules `LEARNED`, offers what reaches to the set (``k-set``), and
-    adds its mirror image (``k-set-mirrored``), from which the next begins. The set that it all begins from is flown
-    anew under these rules first, and by them policies are judged on the way. The sets name the policy by the SHA-256
-    of its ONNX file, in their specification and in each flight's source.
+    Iteration k clones the set before it and improves the best clone by PPO, with each seed (``k-seed<s>``), flies the
+    grid with the best policies' deterministic actions under the rules `LEARNED`, offers what reaches to the set
+    (``k-set``), and adds its mirror image (``k-set-mirrored``), from which the next begins. The set that it all begins
+    from is flown anew under these rules first, and by them policies are judged on the way. The sets name the policies
+    by the SHA-256 of their ONNX files, in their specification and in each flight's source.
 
     Args:
         setting: what all trainings have in common.
@@ -42,49 +49,84 @@ def train_irpo(
         dataset: what it begins from: a set of the catalogue, whose goals are flown.
         name: the configuration's.
         configuration: one PPO for each iteration.
+        seeds: policies of each iteration; the first has the setting's seed, the next the one after that.
+        processes: trainings of an iteration side by side; the others than the first show no progress.
         curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
 
     Returns:
         For each iteration what was trained, and what its sets are.
 
     Raises:
-        ValueError: for a set that is not of the catalogue, or a folder of another plan.
+        ValueError: for a set that is not of the catalogue, a folder of another plan, or less than one seed or process.
         OSError: if something cannot be written.
     """
+    if seeds < 1 or processes < 1:
+        raise ValueError(f"IRPO takes at least one seed and one process, got {seeds} and {processes}")
     grid = grid_flown(dataset.name)
     setting = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
     iterations = []
     for k, improving in enumerate(configuration.improving, start=1):
-        cloned, improved = folder / f"{k}-gcbc", folder / f"{k}-ppo"
-        cloning = configuration.cloning._replace(hidden=improving.hidden)
-        trained = {
-            "gcbc": train_gcbc(setting, cloned, dataset, name, cloning),
-            "ppo": train_ppo(setting, improved, name, improving, cloned=cloned, curriculum=curriculum),
-        }
-        updated = _update(setting, folder / f"{k}-set", dataset, k, improved / BEST_POLICY, grid)
+        once = StagedConfiguration(configuration.cloning, (improving,))
+        trainings = [
+            _Training(
+                dataclasses.replace(setting, seed=seed), folder / f"{k}-seed{seed}", dataset, name, once, curriculum
+            )
+            for seed in range(setting.seed, setting.seed + seeds)
+        ]
+        trained = _train_all(trainings, processes)
+        policies = [training.folder / PPO / BEST_POLICY for training in trainings]
+        updated = _update(setting, folder / f"{k}-set", dataset, k, policies, grid)
         dataset = _mirror(setting, folder / f"{k}-set-mirrored", updated, k, grid)
-        iterations.append(
-            {stage: {"best": document["best"], "wall_s": document["wall_s"]} for stage, document in trained.items()}
-            | {"set": _described(updated), "mirrored": _described(dataset)}
-        )
+        iterations.append({"trained": trained, "set": _described(updated), "mirrored": _described(dataset)})
         write_json(folder / SUMMARY, {"iterations": iterations})
     return {"iterations": iterations}
 
 
-def _update(setting: Setting, folder: Path, parent: Dataset, k: int, policy: Path, grid: GoalGrid) -> Dataset:
-    """The set after the policy has flown the grid."""
-    agent = open_onnx(policy)
+class _Training(NamedTuple):
+    """One seed of an iteration."""
+
+    setting: Setting
+    folder: Path
+    dataset: Dataset
+    name: str
+    configuration: StagedConfiguration
+    curriculum: str | None
+
+    def run(self) -> dict[str, Any]:
+        """Train; what came of the clone, and of PPO."""
+        setting, folder, dataset, name, configuration, curriculum = self
+        documents = train_gcbc_ppo(setting, folder, dataset, name, configuration, curriculum=curriculum)
+        return {
+            stage: {"best": document["best"], "wall_s": document["wall_s"]} for stage, document in documents.items()
+        }
+
+
+def _train_all(trainings: Sequence[_Training], processes: int) -> dict[str, Any]:
+    """Folder's name → what came of it."""
+    names = [training.folder.name for training in trainings]
+    if processes == 1:
+        return dict(zip(names, map(_Training.run, trainings), strict=True))
+    shown, *others = trainings
+    hidden = [each._replace(setting=dataclasses.replace(each.setting, progress=silent)) for each in others]
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        return dict(zip(names, pool.map(_Training.run, [shown, *hidden]), strict=True))
+
+
+def _update(
+    setting: Setting, folder: Path, parent: Dataset, k: int, policies: Sequence[Path], grid: GoalGrid
+) -> Dataset:
+    """The set after the policies have flown the grid."""
+    agents = [open_onnx(policy) for policy in policies]
     specification = Specification(
         f"irpo{k}-seed{setting.seed}",
         f"iteration {k} of IRPO from {parent.name}, seed {setting.seed}",
         LEARNED,
-        Updated(grid, parent.name, f"{BY_HASH}{agent.sha256}"),
+        Updated(grid, parent.name, tuple(f"{BY_HASH}{agent.sha256}" for agent in agents)),
         setting.seed,
     )
     if not _is_made(folder, specification, parent):
         with setting.progress(f"flying {specification.name}", " goals") as progress:
-            flown = agent.begin(np.zeros(len(grid.goals), dtype=np.int64))
-            update_by_policy(specification, folder, parent, flown, threads=setting.threads, progress=progress)
+            update_by_policies(specification, folder, parent, agents, threads=setting.threads, progress=progress)
     return open_dataset(folder)
 
 

@@ -40,7 +40,8 @@ _HINDSIGHT = {"reward": "sparse", "reach_steps": 1}
 """Of the task that hindsight learns on: what a pair of goals is worth then follows from them alone."""
 
 
-def _silent(label: str, unit: str) -> AbstractContextManager[Callable[[int, int], None]]:
+def silent(label: str, unit: str) -> AbstractContextManager[Callable[[int, int], None]]:
+    """No line of progress."""
     return progress_line(label, unit, shown=False)
 
 
@@ -64,7 +65,7 @@ class Setting:
     evaluations: int = 10
     threads: int = 1
     between: float = 120.0
-    progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = _silent
+    progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = silent
     fields: Mapping[str, Any] = field(default_factory=dict)
     protocol: str | None = None
 

@@ -28,10 +28,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--begin-with",
         type=Path,
         metavar="FOLDER",
-        help="a training whose best policy PPO improves on, as runs/irpo/1-ppo",
+        help="a training whose best policy PPO improves on, as runs/irpo/1-seed0/ppo",
     )
     parser.add_argument("--configuration", default="released", metavar="NAME", help=_configurations())
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: %(default)s)")
+    parser.add_argument(
+        "--seeds", type=count, default=1, help="policies of each iteration of irpo (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--processes", type=count, default=1, help="trainings of irpo side by side, with --threads each (default: 1)"
+    )
     parser.add_argument("--steps", type=count, help="steps of PPO or SAC, in place of the configuration's")
     parser.add_argument("--epochs", type=count, help="epochs of GCBC, in place of the configuration's")
     parser.add_argument(
@@ -114,7 +120,16 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
             return recipes.train_gcbc(setting, where, dataset, name, configuration)
         case "gcbc-ppo":
             return recipes.train_gcbc_ppo(setting, where, dataset, name, configuration, curriculum=options.curriculum)
-    return irpo.train_irpo(setting, where, dataset, name, configuration, curriculum=options.curriculum)
+    return irpo.train_irpo(
+        setting,
+        where,
+        dataset,
+        name,
+        configuration,
+        seeds=options.seeds,
+        processes=options.processes,
+        curriculum=options.curriculum,
+    )
 
 
 def _configuration(options: argparse.Namespace) -> Any:
@@ -147,6 +162,8 @@ def _check(options: argparse.Namespace) -> None:
         "--set": options.algorithm == "gcbc" and options.set,
         "--begin-with": options.algorithm != "ppo" and options.begin_with,
         "--protocol": options.algorithm == "irpo" and options.protocol,
+        "--seeds": options.algorithm != "irpo" and options.seeds > 1,
+        "--processes": options.algorithm != "irpo" and options.processes > 1,
     }
     for option, given in wrong.items():
         if given:
@@ -196,7 +213,9 @@ def _summary(document: dict[str, Any]) -> str:
     if "iterations" in document:
         lines = []
         for k, iteration in enumerate(document["iterations"], start=1):
-            lines += [f"iteration {k}", *(_line(name, iteration[name]) for name in ("gcbc", "ppo"))]
+            trained = iteration["trained"].items()
+            lines.append(f"iteration {k}")
+            lines += [_line(f"{each}/{name}", stage) for each, stages in trained for name, stage in stages.items()]
             lines += [
                 f"  {part['name']:<20}{part['episodes']} flights" for part in map(iteration.get, ("set", "mirrored"))
             ]

@@ -21,8 +21,9 @@ from vvc_bench.datasets.store import CorruptDataset, Description, open_dataset, 
 from vvc_bench.experts.laws import Figures, make_pilot
 from vvc_bench.jit import source_hash
 from vvc_bench.metrics import summary
+from vvc_bench.policies.agent import Agent
 from vvc_bench.policies.trained import find_trained
-from vvc_bench.rollout import Episodes, Policy, concatenate, fly_law, fly_policy
+from vvc_bench.rollout import Episodes, concatenate, fly_law, fly_policy
 from vvc_bench.sim.task import Task
 from vvc_bench.tasks import termination
 
@@ -103,10 +104,10 @@ def build_dataset(
             return _build_flown(specification, folder, threads, shards, engine, progress)
         case Mirrored(parent, _):
             return add_mirror_image(specification, folder, find_parent(parent), goals_flown(parent), threads=threads)
-        case Updated(grid, parent, policy):
-            flown = find_trained(policy.removeprefix(BY_HASH)).begin(np.zeros(len(grid.goals), dtype=np.int64))
-            return update_by_policy(
-                specification, folder, find_parent(parent), flown, threads=threads, progress=progress
+        case Updated(_, parent, policies):
+            agents = [find_trained(policy.removeprefix(BY_HASH)) for policy in policies]
+            return update_by_policies(
+                specification, folder, find_parent(parent), agents, threads=threads, progress=progress
             )
 
 
@@ -213,24 +214,24 @@ def add_mirror_image(
     return folder
 
 
-def update_by_policy(
+def update_by_policies(
     specification: Specification,
     folder: Path,
     parent: Dataset,
-    policy: Policy,
+    agents: Sequence[Agent],
     *,
     threads: int | None = None,
     progress: Progress = lambda done, goals: None,  # noqa: ARG005
 ) -> Path:
-    """Make a set of another one after a policy has flown every goal: what is new or shorter is taken.
+    """Make a set of another one after policies have flown every goal, one by one: what is new or shorter is taken.
 
     Args:
-        specification: its recipe is `Updated`; what it says of the policy becomes the source of its flights.
+        specification: its recipe is `Updated`; what it says of a policy becomes the source of its flights.
         folder: where; replaced if it exists.
         parent: the other set; under other rules, its flights are flown anew first, and those that reach are kept.
-        policy: from observations to actions, without memory.
+        agents: the policies, without memory, in the recipe's order.
         threads: at most so many.
-        progress: told how many goals were flown.
+        progress: told how many flights were flown.
 
     Raises:
         ValueError: for actions of another shape, or NaN.
@@ -238,23 +239,33 @@ def update_by_policy(
     """
     assert isinstance(specification.recipe, Updated)
     goals, done = specification.recipe.grid.goals, 0
+    total = len(goals) * len(agents)
 
     def count(flown: int) -> None:
         nonlocal done
         done += flown
-        progress(done, len(goals))
+        progress(done, total)
 
-    source = f"{specification.name}/{specification.recipe.policy}"
-    scenario, kept = specification.scenario, parent.read()
+    scenario, episodes = specification.scenario, parent.read()
     if parent.scenario != scenario:
-        kept = fly_under(kept, scenario, threads)
-    flown = fly_policy(
-        scenario, goals, policy, seeds=specification.seed, source=source, threads=threads, progress=count
-    )
-    updated = update(kept, flown.episodes)
-    events = _count_events(scenario.task, flown.last_events)
-    report, parents = {"update": _kept(updated)}, {parent.name: parent.hash}
-    _write(specification, folder, updated.episodes, goals, events, report, parents)
+        episodes = fly_under(episodes, scenario, threads)
+    events: Counter[str] = Counter()
+    updates = {}
+    for agent, policy in zip(agents, specification.recipe.policies, strict=True):
+        flown = fly_policy(
+            scenario,
+            goals,
+            agent.begin(np.zeros(len(goals), dtype=np.int64)),
+            seeds=specification.seed,
+            source=f"{specification.name}/{policy}",
+            threads=threads,
+            progress=count,
+        )
+        updated = update(episodes, flown.episodes)
+        episodes, updates[policy] = updated.episodes, _kept(updated)
+        events.update(_count_events(scenario.task, flown.last_events))
+    report, parents = {"updates": updates}, {parent.name: parent.hash}
+    _write(specification, folder, episodes, goals, dict(sorted(events.items())), report, parents)
     return folder
 
 

@@ -4,7 +4,7 @@ A name's meaning never changes: another figure is a new version.
 """
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -72,12 +72,12 @@ class Mirrored:
 
 @dataclass(frozen=True)
 class Updated:
-    """Another set, after a policy has flown every goal: its flights are kept where they are new or shorter (IRPO)."""
+    """Another set, after policies have flown every goal: flights are kept where they are new or shorter (IRPO)."""
 
     grid: GoalGrid
     parent: str
-    policy: str
-    """`BY_HASH` and the SHA-256 of its ONNX file."""
+    policies: tuple[str, ...]
+    """`BY_HASH` and the SHA-256 of an ONNX file each; of equally short flights the first one's is kept."""
 
 
 BY_HASH = "sha256:"
@@ -118,8 +118,8 @@ def _recipe_to_json(recipe: Recipe) -> dict[str, Any]:
             return {"kind": "searched", "grid": _grid_to_json(grid), "budget": budget._asdict()}
         case Mirrored(parent, resimulate):
             return {"kind": "mirrored", "parent": parent, "resimulate": resimulate}
-        case Updated(grid, parent, policy):
-            return {"kind": "updated", "grid": _grid_to_json(grid), "parent": parent, "policy": policy}
+        case Updated(grid, parent, policies):
+            return {"kind": "updated", "grid": _grid_to_json(grid), "parent": parent, "policies": list(policies)}
 
 
 def _grid_to_json(grid: GoalGrid) -> dict[str, Any]:
@@ -167,21 +167,21 @@ SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patien
 """Of the sets with one flight to a goal, and with several."""
 
 _IRPO_POLICIES = {
-    1: "07ffcdadeeb5c75c9d8c09b32a5d44859f1160c72296306e922c792abdf53fe7",
-    2: "c97dc839257b1746556c884f4e071150a0c82dab7f34682666ab893cc98fb3b8",
-    3: "dc39ac85f17a5bf406b5be3c8175ee68688fbd169a81cf75e15e5a2fa90c4857",
+    1: ("07ffcdadeeb5c75c9d8c09b32a5d44859f1160c72296306e922c792abdf53fe7",),
+    2: ("c97dc839257b1746556c884f4e071150a0c82dab7f34682666ab893cc98fb3b8",),
+    3: ("dc39ac85f17a5bf406b5be3c8175ee68688fbd169a81cf75e15e5a2fa90c4857",),
 }
-"""IRPO's iteration → SHA-256 of its policy, one of `vvc_bench.policies.trained.TRAINED`."""
+"""IRPO's iteration → SHA-256 of its policies, each one of `vvc_bench.policies.trained.TRAINED`."""
 _LEARNED_POLICIES = {
-    1: "74fe13e33ed34e8ad4cc6eb13bf0f1e1b4aa106f18d83294c80c5e979921fc06",
-    2: "8690f5e66a72745d4ccbfe13abd9749a25e29a8e88eb007fb2bc55bb0f01512c",
-    3: "14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",
+    1: ("74fe13e33ed34e8ad4cc6eb13bf0f1e1b4aa106f18d83294c80c5e979921fc06",),
+    2: ("8690f5e66a72745d4ccbfe13abd9749a25e29a8e88eb007fb2bc55bb0f01512c",),
+    3: ("14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",),
 }
 """The same for the sets that begin with the search's flights."""
 
 
 def _updated(
-    family: str, first: str, step: str, policies: Mapping[int, str], published: int | None = None
+    family: str, first: str, step: str, policies: Mapping[int, Sequence[str]], published: int | None = None
 ) -> Iterator[Specification]:
     """Sets made from one another by policies, and each one's mirror image, from which the next is made.
 
@@ -189,17 +189,17 @@ def _updated(
         family: of their names.
         first: the set that the first is made from.
         step: what is counted, in words.
-        policies: number → SHA-256.
+        policies: number → SHA-256 of each policy.
         published: number on OpenML of the paper's first such set, if it has the like.
     """
     parent = first
-    for k, sha256 in policies.items():
+    for k, hashes in policies.items():
         name = f"{family}{k}-v0"
         yield Specification(
             name,
-            f"{parent} after the policy of {step} {k} has flown the grid",
+            f"{parent} after {'the policy' if len(hashes) == 1 else 'policies'} of {step} {k} flew the grid",
             LEARNED,
-            Updated(PAPER_GRID, parent, f"{BY_HASH}{sha256}"),
+            Updated(PAPER_GRID, parent, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes)),
             published=Published(f"D_E^{k}", published + 2 * k - 2) if published else None,
         )
         parent = f"{family}{k}-aug-v0"
@@ -304,7 +304,7 @@ CATALOGUE = {
             "irpo1-sample-v0",
             "315 goals of irpo1-v0, for tests and tutorials",
             LEARNED,
-            Updated(SAMPLE_GRID, "pursuit-sample-v0", f"{BY_HASH}{_IRPO_POLICIES[1]}"),
+            Updated(SAMPLE_GRID, "pursuit-sample-v0", (f"{BY_HASH}{_IRPO_POLICIES[1][0]}",)),
         ),
     )
 }
