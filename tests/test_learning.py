@@ -54,6 +54,7 @@ from vvc_bench.baselines.unit_actions import UnitActions, from_unit, to_unit, un
 from vvc_bench.cli import main
 from vvc_bench.datasets.catalogue import LEARNED, SAMPLE_GRID
 from vvc_bench.datasets.dataset import Dataset
+from vvc_bench.datasets.folders import locked
 from vvc_bench.datasets.mirror import fly_under
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.datasets.store import Description, open_dataset, write_dataset
@@ -708,6 +709,22 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
         run(Setting("normal", evaluations=2))
     with pytest.raises(ValueError, match="at least one seed and one process, got 2 and 0"):
         run(setting, processes=0)
+
+
+def test_a_killed_irpo_leaves_no_training_behind(tmp_path: Path) -> None:
+    arguments = ["--demos", "pid-sample-v0", "--configuration", "small", "--task", "normal", "--epochs", "500"]
+    command = [sys.executable, "-m", "vvc_bench", "train", "irpo", *arguments, "--seeds", "2", "--processes", "2"]
+    with subprocess.Popen([*command, "--output", str(tmp_path / "run")]) as process:
+        folders = [tmp_path / "run" / f"1-seed{seed}" / "gcbc" for seed in (0, 1)]
+        deadline = time.monotonic() + 120
+        while not all((folder / TRAINING).is_file() for folder in folders):
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        os.kill(process.pid, signal.SIGKILL)
+    for folder in folders:
+        with locked(folder):  # which waits for as long as somebody trains there
+            assert not read_training(folder)["finished"]
 
 
 def test_gcbc_and_then_ppo_names_its_demonstrator(small_set: Dataset, tmp_path: Path) -> None:

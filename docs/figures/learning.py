@@ -40,23 +40,22 @@ def curve(training: dict[str, Any]) -> tuple[list[float], list[float]]:
     return [each["done"] / 1e6 for each in judged], [100.0 * each["success"]["rate"] for each in judged]
 
 
-def iterations() -> Iterator[dict[str, Any]]:
+def iterations(seed: int) -> Iterator[dict[str, Any]]:
     """What each iteration's PPO says of itself."""
-    return (read(path) for path in sorted((TRAININGS / "irpo").glob("*-ppo.json")))
+    return (read(path) for path in sorted((TRAININGS / "irpo").glob(f"*-seed{seed}-ppo.json")))
 
 
 def draw_curves() -> None:
     figure = new_figure(7.4, 3.6)
     axes = figure.subplots()
-    begun = 0.0
-    for training in iterations():
-        steps, shares = curve(training)
-        label = "IRPO, three iterations" if begun == 0.0 else None
-        axes.plot(
-            [begun + each for each in steps], shares, color=COLOURS[0], linewidth=2, marker="o", ms=3, label=label
-        )
-        begun += steps[-1]
-        axes.axvline(begun, color=FAINT, linewidth=0.8, linestyle=":")
+    for seed, marker in enumerate("o^"):
+        begun, label = 0.0, f"IRPO, three iterations, seed {seed}"
+        for training in iterations(seed):
+            steps, shares = curve(training)
+            places = [begun + each for each in steps]
+            axes.plot(places, shares, color=COLOURS[0], linewidth=2 - seed, marker=marker, ms=3, label=label)
+            begun, label = begun + steps[-1], "_"
+            axes.axvline(begun, color=FAINT, linewidth=0.8, linestyle=":")
     for colour, (label, trial) in zip(COLOURS[1:], ALONE.items(), strict=False):
         axes.plot(*curve(read(TRAININGS / f"{trial}.json")), color=colour, linewidth=2, label=label)
     axes.legend(frameon=False, fontsize=10, loc="lower right")

@@ -44,27 +44,28 @@ class Batches:
     ) -> None:
         if len(transitions.rewards) < batch_size:
             raise ValueError(f"a batch of {batch_size} takes as many transitions; there are {len(transitions.rewards)}")
-        self._observations = dictionary(transitions.observations, transitions.goals)
-        self._actions = to_unit(transitions.actions, bounds)
+        parts = (transitions.observations, transitions.goals, to_unit(transitions.actions, bounds))
+        self._table = np.concatenate(parts, axis=1)  # one row a transition: drawn rows are far apart in memory
+        self._ends = np.cumsum([part.shape[1] for part in parts])[:-1]
         self._batch_size = batch_size
         self._generator = generator
 
     def __len__(self) -> int:
-        return len(self._actions) // self._batch_size
+        return len(self._table) // self._batch_size
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        order = self._generator.permutation(len(self._actions))
+        order = self._generator.permutation(len(self._table))
         for k in range(len(self)):
             yield self.take(order[k * self._batch_size : (k + 1) * self._batch_size])
 
     def take(self, rows: NDArray[np.int64]) -> dict[str, Any]:
         """Some transitions."""
-        seen = {name: values[rows] for name, values in self._observations.items()}
-        return {"obs": DictObs(seen), "acts": self._actions[rows]}
+        seen, goals, actions = np.split(self._table.take(rows, axis=0), self._ends, axis=1)
+        return {"obs": DictObs(dictionary(seen, goals)), "acts": actions}
 
     def spread(self, count: int) -> dict[str, Any]:
         """So many transitions at most, evenly spread over all, always the same."""
-        rows = np.linspace(0, len(self._actions) - 1, min(count, len(self._actions))).astype(np.int64)
+        rows = np.linspace(0, len(self._table) - 1, min(count, len(self._table))).astype(np.int64)
         return self.take(rows)
 
 

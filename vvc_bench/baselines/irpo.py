@@ -6,6 +6,8 @@ is updated by policies of several seeds, one after another.
 
 import dataclasses
 import multiprocessing
+import os
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -108,8 +110,20 @@ def _train_all(trainings: Sequence[_Training], processes: int) -> dict[str, Any]
         return dict(zip(names, map(_Training.run, trainings), strict=True))
     shown, *others = trainings
     hidden = [each._replace(setting=dataclasses.replace(each.setting, progress=silent)) for each in others]
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
         return dict(zip(names, pool.map(_Training.run, [shown, *hidden]), strict=True))
+
+
+def _end_with_parent() -> None:
+    """A killed parent leaves no training behind that would hold its folder for an hour."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _update(
