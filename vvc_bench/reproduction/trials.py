@@ -187,7 +187,7 @@ SMALL = Budget(
     judges_sets=False,
     judges_learners=False,
 )
-_JUDGED = ("hard-1k-v0", "normal-1k-v0")
+_JUDGED = ("hard-1k-v0", "hard-grid-v0", "normal-1k-v0")
 LAPTOP = Budget(
     "laptop",
     "whole sets and the hard task; learners get less than the authors'",
@@ -217,7 +217,7 @@ FULL = Budget(
     ),
     seeds=(0, 1, 2, 3, 4),
     curricula=("mega",),
-    protocols=(*_JUDGED, "hard-grid-v0"),
+    protocols=_JUDGED,
     evaluations=10,
     judges_sets=True,
     judges_learners=True,
