@@ -35,6 +35,7 @@ def train_irpo(
     *,
     seeds: int = 1,
     processes: int = 1,
+    complete: bool = False,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Iterate. What is done is not done again: each stage is a folder of its own.
@@ -42,8 +43,9 @@ def train_irpo(
     Iteration k clones the set before it and improves the best clone by PPO, with each seed (``k-seed<s>``), flies the
     grid with the best policies' deterministic actions under the rules `LEARNED`, offers what reaches to the set
     (``k-set``), and adds its mirror image (``k-set-mirrored``), from which the next begins. The set that it all begins
-    from is flown anew under these rules first, and by them policies are judged on the way. The sets name the policies
-    by the SHA-256 of their ONNX files, in their specification and in each flight's source.
+    from is flown anew under these rules first, and by them policies are judged on the way, but for iterations by the
+    task as it is (`StagedConfiguration.by_task`). The sets name the policies by the SHA-256 of their ONNX files, in
+    their specification and in each flight's source.
 
     Args:
         setting: what all trainings have in common.
@@ -53,6 +55,7 @@ def train_irpo(
         configuration: one PPO for each iteration.
         seeds: policies of each iteration; the first has the setting's seed, the next the one after that.
         processes: trainings of an iteration side by side; the others than the first show no progress.
+        complete: clone, after the first iteration, also the first set's flights to goals that the later set lacks.
         curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
 
     Returns:
@@ -65,20 +68,26 @@ def train_irpo(
     if seeds < 1 or processes < 1:
         raise ValueError(f"IRPO takes at least one seed and one process, got {seeds} and {processes}")
     grid = grid_flown(dataset.name)
-    setting = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
-    iterations = []
+    by_task = dataclasses.replace(setting, fields={})
+    by_sets_rules = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
+    alone = dataclasses.replace(setting, threads=setting.threads * processes)
+    first, iterations = dataset, []
     for k, improving in enumerate(configuration.improving, start=1):
+        learning = by_task if k <= configuration.by_task else by_sets_rules
         once = StagedConfiguration(configuration.cloning, (improving,))
+        completing = first if complete and k > 1 else None
         trainings = [
             _Training(
-                dataclasses.replace(setting, seed=seed), folder / f"{k}-seed{seed}", dataset, name, once, curriculum
+                dataclasses.replace(learning, seed=seed),
+                folder / f"{k}-seed{seed}",
+                *(dataset, name, once, completing, curriculum),
             )
             for seed in range(setting.seed, setting.seed + seeds)
         ]
         trained = _train_all(trainings, processes)
         policies = [training.folder / PPO / BEST_POLICY for training in trainings]
-        updated = _update(setting, folder / f"{k}-set", dataset, k, policies, grid)
-        dataset = _mirror(setting, folder / f"{k}-set-mirrored", updated, k, grid)
+        updated = _update(alone, folder / f"{k}-set", dataset, k, policies, grid)
+        dataset = _mirror(alone, folder / f"{k}-set-mirrored", updated, k, grid)
         iterations.append({"trained": trained, "set": _described(updated), "mirrored": _described(dataset)})
         write_json(folder / SUMMARY, {"iterations": iterations})
     return {"iterations": iterations}
@@ -92,12 +101,16 @@ class _Training(NamedTuple):
     dataset: Dataset
     name: str
     configuration: StagedConfiguration
+    completing: Dataset | None
     curriculum: str | None
 
     def run(self) -> dict[str, Any]:
         """Train; what came of the clone, and of PPO."""
-        setting, folder, dataset, name, configuration, curriculum = self
-        documents = train_gcbc_ppo(setting, folder, dataset, name, configuration, curriculum=curriculum)
+        documents = train_gcbc_ppo(
+            *(self.setting, self.folder, self.dataset, self.name, self.configuration),
+            completing=self.completing,
+            curriculum=self.curriculum,
+        )
         return {
             stage: {"best": document["best"], "wall_s": document["wall_s"]} for stage, document in documents.items()
         }

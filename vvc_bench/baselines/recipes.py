@@ -25,6 +25,7 @@ from vvc_bench.baselines.sac import SoftActorCritic
 from vvc_bench.baselines.training import Learner, Plan, train, weights, weights_sha256
 from vvc_bench.baselines.unit_actions import UnitActions, unit_box
 from vvc_bench.datasets.dataset import Dataset
+from vvc_bench.datasets.transitions import join_transitions
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.envs import ENVIRONMENT_IDS
 from vvc_bench.envs.options import make_spaces
@@ -76,7 +77,13 @@ class Setting:
 
 
 def train_gcbc(
-    setting: Setting, folder: Path, dataset: Dataset, name: str, configuration: CloningConfiguration
+    setting: Setting,
+    folder: Path,
+    dataset: Dataset,
+    name: str,
+    configuration: CloningConfiguration,
+    *,
+    completing: Dataset | None = None,
 ) -> dict[str, Any]:
     """Clone the demonstrations of a set.
 
@@ -86,6 +93,7 @@ def train_gcbc(
         dataset: what is cloned, but for a tenth of its goals, which a loss is measured on.
         name: the configuration's.
         configuration: how.
+        completing: another set, whose flights are cloned too where the first has none to their goals.
 
     Returns:
         What ``training.json`` holds.
@@ -94,14 +102,18 @@ def train_gcbc(
         ValueError: for fewer transitions than a batch, or another plan's folder.
         OSError: if it cannot be written.
     """
-    known = {"name": dataset.name, "hash": dataset.hash}
+    parts, known = [dataset], {"name": dataset.name, "hash": dataset.hash}
+    if completing is not None:
+        parts.append(completing.select(~dataset.is_seen(completing.goals)))
+        known |= {"completed_by": completing.name, "completed_by_hash": completing.hash}
     plan = _plan("gcbc", setting, name, configuration, demonstrations=known)
 
     def make() -> Cloning:
-        training, validation = dataset.split(VALIDATION_SHARE)
+        sides = zip(*(part.split(VALIDATION_SHARE) for part in parts), strict=True)
+        training, validation = (join_transitions([part.transitions() for part in side]) for side in sides)
         return Cloning(
-            training.transitions(),
-            validation.transitions() if len(validation) else None,
+            training,
+            validation,
             make_spaces(dataset.scenario.settings),
             configuration,
             setting.seed,
@@ -175,9 +187,12 @@ def train_gcbc_ppo(
     name: str,
     configuration: StagedConfiguration,
     *,
+    completing: Dataset | None = None,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Clone demonstrations, in the folder ``gcbc``, and improve on the best clone, in ``ppo``.
+
+    Arguments and errors are those of `train_gcbc` and `train_ppo`.
 
     Returns:
         What ``training.json`` of both holds.
@@ -185,7 +200,7 @@ def train_gcbc_ppo(
     improving = configuration.improving[0]
     cloning = configuration.cloning._replace(hidden=improving.hidden)
     return {
-        GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning),
+        GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning, completing=completing),
         PPO: train_ppo(setting, folder / PPO, name, improving, cloned=folder / GCBC, curriculum=curriculum),
     }
 
