@@ -25,8 +25,8 @@ from vvc_bench.baselines.sac import SoftActorCritic
 from vvc_bench.baselines.training import Learner, Plan, train, weights, weights_sha256
 from vvc_bench.baselines.unit_actions import UnitActions, unit_box
 from vvc_bench.datasets.dataset import Dataset
-from vvc_bench.datasets.transitions import join_transitions
 from vvc_bench.datasets.progress import progress_line
+from vvc_bench.datasets.transitions import join_transitions
 from vvc_bench.envs import ENVIRONMENT_IDS
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.envs.stable_baselines import VelocityVectorVecEnv
