@@ -664,11 +664,12 @@ def test_the_command_trains_judges_and_leaves_a_policy(tmp_path: Path, capsys: p
 
 def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     ppo = TINY_PPO._replace(demonstrator_penalty=1e-3, warm_up_steps=500, learning_rate=3e-4)
-    configuration = StagedConfiguration(GCBC_SMALL._replace(epochs=4), (ppo,))
-    dataset, setting = load_dataset("pid-sample-v0"), Setting("normal", evaluations=1)
+    configuration = StagedConfiguration(GCBC_SMALL._replace(epochs=4), (ppo, ppo), by_task=1, keeps_critic=True)
+    variant = {"direction_band_deg": 1.0}
+    dataset, setting = load_dataset("pid-sample-v0"), Setting("normal", evaluations=1, fields=variant)
 
     def run(setting: Setting, processes: int = 1) -> dict[str, Any]:
-        more = {"seeds": 2, "processes": processes, "curriculum": "intermediate"}
+        more = {"seeds": (2,), "processes": processes, "complete": True, "curriculum": "intermediate"}
         return train_irpo(setting, tmp_path / "run", dataset, "test", configuration, **more)
 
     result = run(setting, processes=2)
@@ -696,18 +697,30 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     assert fly_again(updated.read()).divergences == ()
     assert len(image) >= len(updated)
 
-    trained = [
-        read_training(tmp_path / "run" / f"1-seed{seed}" / stage) for seed in (0, 1) for stage in ("gcbc", "ppo")
+    places = [f"{k}-seed{seed}/{stage}" for k in (1, 2) for seed in (0, 1) for stage in ("gcbc", "ppo")]
+    plans = [read_training(tmp_path / "run" / place)["plan"] for place in places]
+    assert [plan["seed"] for plan in plans] == [0, 0, 1, 1] * 2
+    assert [plan["protocol"] for plan in plans] == [None] * 4 + ["normal-sets-validation-v0"] * 4
+    assert named_protocol("normal-sets-validation-v0").scenario == LEARNED
+    assert [plan["fields"] for plan in plans[1::2]] == [{}, {}, variant, variant]
+    assert [plan["curriculum"] for plan in plans[1::2]] == ["intermediate"] * 4
+    critics = [
+        weights_sha256(torch.load(tmp_path / "run" / f"1-seed{seed}" / "ppo" / "best.pt", weights_only=True))
+        for seed in (0, 1)
     ]
-    assert [named_protocol(name).scenario for name in {each["protocol"] for each in trained}] == [LEARNED]
-    assert [each["plan"]["seed"] for each in trained] == [0, 0, 1, 1]
-    assert trained[3]["plan"]["curriculum"] == "intermediate"
+    assert [plan["demonstrator"].get("critic_sha256") for plan in plans[1::2]] == [None, None, *critics]
+    first = {"name": dataset.name, "hash": dataset.hash}
+    completed = {"completed_by": dataset.name, "completed_by_hash": dataset.hash}
+    after = {"name": "irpo1-aug-seed0", "hash": image.hash} | completed
+    assert [plan["demonstrations"] for plan in plans[::2]] == [first, first, after, after]
 
     assert run(setting) == result
     assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "run").rglob("*") if path.name != SUMMARY}
     with pytest.raises(ValueError, match="holds a training with"):
         run(Setting("normal", evaluations=2))
-    with pytest.raises(ValueError, match="at least one seed and one process, got 2 and 0"):
+    with pytest.raises(ValueError, match="one for each of 2 iterations"):
+        train_irpo(setting, tmp_path / "run", dataset, "test", configuration, seeds=(1, 2, 2))
+    with pytest.raises(ValueError, match="at least one seed and one process, got"):
         run(setting, processes=0)
 
 

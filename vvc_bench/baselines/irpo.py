@@ -33,7 +33,7 @@ def train_irpo(
     name: str,
     configuration: StagedConfiguration,
     *,
-    seeds: int = 1,
+    seeds: Sequence[int] = (1,),
     processes: int = 1,
     complete: bool = False,
     curriculum: str | None = None,
@@ -53,7 +53,8 @@ def train_irpo(
         dataset: what it begins from: a set of the catalogue, whose goals are flown.
         name: the configuration's.
         configuration: one PPO for each iteration.
-        seeds: policies of each iteration; the first has the setting's seed, the next the one after that.
+        seeds: policies of each iteration, or one number for all; the first has the setting's seed, the next the one
+            after that.
         processes: trainings of an iteration side by side; the others than the first show no progress.
         complete: clone, after the first iteration, also the first set's flights to goals that the later set lacks.
         curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
@@ -62,17 +63,23 @@ def train_irpo(
         For each iteration what was trained, and what its sets are.
 
     Raises:
-        ValueError: for a set that is not of the catalogue, a folder of another plan, or less than one seed or process.
+        ValueError: for a set that is not of the catalogue, a folder of another plan, less than one seed or process, or
+            seeds for another number of iterations.
         OSError: if something cannot be written.
     """
-    if seeds < 1 or processes < 1:
-        raise ValueError(f"IRPO takes at least one seed and one process, got {seeds} and {processes}")
+    every = len(configuration.improving)
+    counts = [*seeds] * every if len(seeds) == 1 else [*seeds]
+    if min(*counts, processes) < 1:
+        raise ValueError(f"IRPO takes at least one seed and one process, got {counts} and {processes}")
+    if len(counts) != every:
+        raise ValueError(f"seeds must be one number, or one for each of {every} iterations; got {counts}")
     grid = grid_flown(dataset.name)
     by_task = dataclasses.replace(setting, fields={})
     by_sets_rules = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
     alone = dataclasses.replace(setting, threads=setting.threads * processes)
     first, iterations = dataset, []
-    for k, improving in enumerate(configuration.improving, start=1):
+    critics: list[Path | None] = [None]
+    for k, (improving, count) in enumerate(zip(configuration.improving, counts, strict=True), start=1):
         learning = by_task if k <= configuration.by_task else by_sets_rules
         once = StagedConfiguration(configuration.cloning, (improving,))
         completing = first if complete and k > 1 else None
@@ -80,10 +87,12 @@ def train_irpo(
             _Training(
                 dataclasses.replace(learning, seed=seed),
                 folder / f"{k}-seed{seed}",
-                *(dataset, name, once, completing, curriculum),
+                *(dataset, name, once, completing, critics[i % len(critics)], curriculum),
             )
-            for seed in range(setting.seed, setting.seed + seeds)
+            for i, seed in enumerate(range(setting.seed, setting.seed + count))
         ]
+        if configuration.keeps_critic:
+            critics = [training.folder / PPO for training in trainings]
         trained = _train_all(trainings, processes)
         policies = [training.folder / PPO / BEST_POLICY for training in trainings]
         updated = _update(alone, folder / f"{k}-set", dataset, k, policies, grid)
@@ -102,6 +111,7 @@ class _Training(NamedTuple):
     name: str
     configuration: StagedConfiguration
     completing: Dataset | None
+    critic: Path | None
     curriculum: str | None
 
     def run(self) -> dict[str, Any]:
@@ -109,6 +119,7 @@ class _Training(NamedTuple):
         documents = train_gcbc_ppo(
             *(self.setting, self.folder, self.dataset, self.name, self.configuration),
             completing=self.completing,
+            critic=self.critic,
             curriculum=self.curriculum,
         )
         return {

@@ -37,6 +37,8 @@ VALIDATION_SHARE = 0.1
 GCBC, PPO = "gcbc", "ppo"
 """Folders of the stages of GCBC+PPO."""
 
+_VALUES = "value_net"
+"""In the names of the critic's weights, in Stable-Baselines3."""
 _HINDSIGHT = {"reward": "sparse", "reach_steps": 1}
 """Of the task that hindsight learns on: what a pair of goals is worth then follows from them alone."""
 
@@ -129,6 +131,7 @@ def train_ppo(
     configuration: PpoConfiguration,
     *,
     cloned: Path | None = None,
+    critic: Path | None = None,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Learn by PPO, from nothing or from a policy that was trained before, as a clone.
@@ -139,6 +142,8 @@ def train_ppo(
         name: the configuration's.
         configuration: how.
         cloned: folder of a training, mostly by GCBC, with the same networks; its best policy is the demonstrator.
+        critic: folder of a training by PPO, whose value function it begins with in place of the demonstrator's: a
+            clone's is untrained.
         curriculum: one of `CURRICULA`; by default goals are the task's.
 
     Returns:
@@ -151,6 +156,10 @@ def train_ppo(
     """
     demonstrator = None if cloned is None else weights(cloned)
     known = None if demonstrator is None else {"sha256": weights_sha256(demonstrator)}
+    if demonstrator is not None and critic is not None:
+        judging = weights(critic)
+        demonstrator |= {part: values for part, values in judging.items() if _VALUES in part}
+        known = {**(known or {}), "critic_sha256": weights_sha256(judging)}
     algorithm = "ppo" if cloned is None else "gcbc-ppo"
     origins = {"demonstrator": known, "curriculum": curriculum, "fields": setting.fields}
     plan = _plan(algorithm, setting, name, configuration, **origins)
@@ -188,6 +197,7 @@ def train_gcbc_ppo(
     configuration: StagedConfiguration,
     *,
     completing: Dataset | None = None,
+    critic: Path | None = None,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Clone demonstrations, in the folder ``gcbc``, and improve on the best clone, in ``ppo``.
@@ -201,7 +211,9 @@ def train_gcbc_ppo(
     cloning = configuration.cloning._replace(hidden=improving.hidden)
     return {
         GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning, completing=completing),
-        PPO: train_ppo(setting, folder / PPO, name, improving, cloned=folder / GCBC, curriculum=curriculum),
+        PPO: train_ppo(
+            *(setting, folder / PPO, name, improving), cloned=folder / GCBC, critic=critic, curriculum=curriculum
+        ),
     }
 
 

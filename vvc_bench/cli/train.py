@@ -33,7 +33,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--configuration", default="released", metavar="NAME", help=_configurations())
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default: %(default)s)")
     parser.add_argument(
-        "--seeds", type=count, default=1, help="policies of each iteration of irpo (default: %(default)s)"
+        "--seeds",
+        type=_counts,
+        default=[1],
+        help="policies of each iteration of irpo: a number, or one for each, as 1,2,2 (default: 1)",
     )
     parser.add_argument(
         "--processes", type=count, default=1, help="trainings of irpo side by side, with --threads each (default: 1)"
@@ -168,7 +171,7 @@ def _check(options: argparse.Namespace) -> None:
         "--set": options.algorithm == "gcbc" and options.set,
         "--begin-with": options.algorithm != "ppo" and options.begin_with,
         "--protocol": options.algorithm == "irpo" and options.protocol,
-        "--seeds": options.algorithm != "irpo" and options.seeds > 1,
+        "--seeds": options.algorithm != "irpo" and options.seeds != [1],
         "--processes": options.algorithm != "irpo" and options.processes > 1,
         "--complete": options.algorithm != "irpo" and options.complete,
     }
@@ -189,6 +192,10 @@ def count(text: str) -> int:
     if not (1 <= value < 1e15 and value == int(value)):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
     return int(value)
+
+
+def _counts(text: str) -> list[int]:
+    return [count(part) for part in text.split(",")]
 
 
 def _validation(text: str) -> str:
