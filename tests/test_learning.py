@@ -669,7 +669,7 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     dataset, setting = load_dataset("pid-sample-v0"), Setting("normal", evaluations=1, fields=variant)
 
     def run(setting: Setting, processes: int = 1) -> dict[str, Any]:
-        more = {"seeds": (2,), "processes": processes, "complete": True, "curriculum": "intermediate"}
+        more = {"seeds": (2,), "processes": processes, "curriculum": "intermediate"}
         return train_irpo(setting, tmp_path / "run", dataset, "test", configuration, **more)
 
     result = run(setting, processes=2)
@@ -710,8 +710,7 @@ def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:
     ]
     assert [plan["demonstrator"].get("critic_sha256") for plan in plans[1::2]] == [None, None, *critics]
     first = {"name": dataset.name, "hash": dataset.hash}
-    completed = {"completed_by": dataset.name, "completed_by_hash": dataset.hash}
-    after = {"name": "irpo1-aug-seed0", "hash": image.hash} | completed
+    after = {"name": "irpo1-aug-seed0", "hash": image.hash}
     assert [plan["demonstrations"] for plan in plans[::2]] == [first, first, after, after]
 
     assert run(setting) == result

@@ -35,7 +35,6 @@ def train_irpo(
     *,
     seeds: Sequence[int] = (1,),
     processes: int = 1,
-    complete: bool = False,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
     """Iterate. What is done is not done again: each stage is a folder of its own.
@@ -56,7 +55,6 @@ def train_irpo(
         seeds: policies of each iteration, or one number for all; the first has the setting's seed, the next the one
             after that.
         processes: trainings of an iteration side by side; the others than the first show no progress.
-        complete: clone, after the first iteration, also the first set's flights to goals that the later set lacks.
         curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
 
     Returns:
@@ -77,17 +75,16 @@ def train_irpo(
     by_task = dataclasses.replace(setting, fields={})
     by_sets_rules = dataclasses.replace(setting, protocol=f"{setting.task}-sets-validation-v0")
     alone = dataclasses.replace(setting, threads=setting.threads * processes)
-    first, iterations = dataset, []
     critics: list[Path | None] = [None]
+    iterations = []
     for k, (improving, count) in enumerate(zip(configuration.improving, counts, strict=True), start=1):
         learning = by_task if k <= configuration.by_task else by_sets_rules
         once = StagedConfiguration(configuration.cloning, (improving,))
-        completing = first if complete and k > 1 else None
         trainings = [
             _Training(
                 dataclasses.replace(learning, seed=seed),
                 folder / f"{k}-seed{seed}",
-                *(dataset, name, once, completing, critics[i % len(critics)], curriculum),
+                *(dataset, name, once, critics[i % len(critics)], curriculum),
             )
             for i, seed in enumerate(range(setting.seed, setting.seed + count))
         ]
@@ -110,7 +107,6 @@ class _Training(NamedTuple):
     dataset: Dataset
     name: str
     configuration: StagedConfiguration
-    completing: Dataset | None
     critic: Path | None
     curriculum: str | None
 
@@ -118,7 +114,6 @@ class _Training(NamedTuple):
         """Train; what came of the clone, and of PPO."""
         documents = train_gcbc_ppo(
             *(self.setting, self.folder, self.dataset, self.name, self.configuration),
-            completing=self.completing,
             critic=self.critic,
             curriculum=self.curriculum,
         )

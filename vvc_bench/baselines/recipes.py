@@ -26,7 +26,6 @@ from vvc_bench.baselines.training import Learner, Plan, train, weights, weights_
 from vvc_bench.baselines.unit_actions import UnitActions, unit_box
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.progress import progress_line
-from vvc_bench.datasets.transitions import join_transitions
 from vvc_bench.envs import ENVIRONMENT_IDS
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.envs.stable_baselines import VelocityVectorVecEnv
@@ -84,8 +83,6 @@ def train_gcbc(
     dataset: Dataset,
     name: str,
     configuration: CloningConfiguration,
-    *,
-    completing: Dataset | None = None,
 ) -> dict[str, Any]:
     """Clone the demonstrations of a set.
 
@@ -95,7 +92,6 @@ def train_gcbc(
         dataset: what is cloned, but for a tenth of its goals, which a loss is measured on.
         name: the configuration's.
         configuration: how.
-        completing: another set, whose flights are cloned too where the first has none to their goals.
 
     Returns:
         What ``training.json`` holds.
@@ -104,18 +100,14 @@ def train_gcbc(
         ValueError: for fewer transitions than a batch, or another plan's folder.
         OSError: if it cannot be written.
     """
-    parts, known = [dataset], {"name": dataset.name, "hash": dataset.hash}
-    if completing is not None:
-        parts.append(completing.select(~dataset.is_seen(completing.goals)))
-        known |= {"completed_by": completing.name, "completed_by_hash": completing.hash}
+    known = {"name": dataset.name, "hash": dataset.hash}
     plan = _plan("gcbc", setting, name, configuration, demonstrations=known)
 
     def make() -> Cloning:
-        sides = zip(*(part.split(VALIDATION_SHARE) for part in parts), strict=True)
-        training, validation = (join_transitions([part.transitions() for part in side]) for side in sides)
+        training, validation = dataset.split(VALIDATION_SHARE)
         return Cloning(
-            training,
-            validation,
+            training.transitions(),
+            validation.transitions() if len(validation) else None,
             make_spaces(dataset.scenario.settings),
             configuration,
             setting.seed,
@@ -196,7 +188,6 @@ def train_gcbc_ppo(
     name: str,
     configuration: StagedConfiguration,
     *,
-    completing: Dataset | None = None,
     critic: Path | None = None,
     curriculum: str | None = None,
 ) -> dict[str, Any]:
@@ -210,7 +201,7 @@ def train_gcbc_ppo(
     improving = configuration.improving[0]
     cloning = configuration.cloning._replace(hidden=improving.hidden)
     return {
-        GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning, completing=completing),
+        GCBC: train_gcbc(setting, folder / GCBC, dataset, name, cloning),
         PPO: train_ppo(
             *(setting, folder / PPO, name, improving), cloned=folder / GCBC, critic=critic, curriculum=curriculum
         ),

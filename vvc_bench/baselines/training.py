@@ -84,7 +84,7 @@ class Plan:
         configuration: ``name`` and all values.
         seed: of all that is drawn.
         total: epochs, or steps of all environments together; the last roll-out may go beyond.
-        demonstrations: ``name`` and ``hash`` of a set, and of what completes it, or None.
+        demonstrations: ``name`` and ``hash`` of a set, or None.
         demonstrator: ``sha256`` of the weights that it begins from, and of a critic that is not among them, or None.
         curriculum: a name, or None.
         fields: of the task, where it learns on a variant of it; it is judged on the task itself.

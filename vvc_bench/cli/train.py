@@ -41,11 +41,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--processes", type=count, default=1, help="trainings of irpo side by side, with --threads each (default: 1)"
     )
-    parser.add_argument(
-        "--complete",
-        action="store_true",
-        help="clone, after the first iteration of irpo, also the first set's flights to goals that the later set lacks",
-    )
     parser.add_argument("--steps", type=count, help="steps of PPO or SAC, in place of the configuration's")
     parser.add_argument("--epochs", type=count, help="epochs of GCBC, in place of the configuration's")
     parser.add_argument(
@@ -136,7 +131,6 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
         configuration,
         seeds=options.seeds,
         processes=options.processes,
-        complete=options.complete,
         curriculum=options.curriculum,
     )
 
@@ -173,7 +167,6 @@ def _check(options: argparse.Namespace) -> None:
         "--protocol": options.algorithm == "irpo" and options.protocol,
         "--seeds": options.algorithm != "irpo" and options.seeds != [1],
         "--processes": options.algorithm != "irpo" and options.processes > 1,
-        "--complete": options.algorithm != "irpo" and options.complete,
     }
     for option, given in wrong.items():
         if given:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
@@ -61,11 +60,6 @@ def transitions_of(episodes: Episodes) -> Transitions:
         truncated,
         np.repeat(episodes.goals.astype(np.float32), episodes.lengths, axis=0),
     )
-
-
-def join_transitions(parts: Sequence[Transitions]) -> Transitions:
-    """Transitions of several choices or sets, one after another."""
-    return parts[0] if len(parts) == 1 else Transitions(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def dictionary(observations: NDArray[np.float32], goals: ArrayLike) -> dict[str, NDArray[np.float32]]:
