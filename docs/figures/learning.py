@@ -15,13 +15,9 @@ from vvc_bench import load_dataset
 
 RESULTS = Path(__file__).parents[2] / "results"
 TRAININGS = RESULTS / "trainings"
-LADDERS = {
-    "irpo_coverage.png": ("pursuit-v0", "irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0"),
-    "learned_coverage.png": ("learned1-aug-v0", "learned2-aug-v0", "learned3-aug-v0"),
-}
-"""File → sets side by side."""
+LADDER = ("irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0")
+"""Sets side by side."""
 ALONE = {
-    "GCBC+PPO from search-v0, an hour": "learned/1-ppo",
     "GCBC+PPO from search-v0": "laptop/gcbc-ppo-search-seed0",
     "GCBC+PPO from pid-aug-v0": "laptop/gcbc-ppo-pid-aug-seed0",
     "PPO": "laptop/ppo-seed0",
@@ -106,8 +102,7 @@ def learners_table() -> str:
 
 def main() -> None:
     draw_curves()
-    for file, names in LADDERS.items():
-        draw_coverage({name.removesuffix("-v0"): load_dataset(name).read() for name in names}, file)
+    draw_coverage({name.removesuffix("-v0"): load_dataset(name).read() for name in LADDER}, "irpo_coverage.png")
     report("learning.md", {"ladder": ladder_table(), "learners": learners_table()})
 
 

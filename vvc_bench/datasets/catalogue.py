@@ -4,7 +4,7 @@ A name's meaning never changes: another figure is a new version.
 """
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -167,48 +167,38 @@ SEARCH_WAYS = Budget(sweeps=8, generations=1, population=16, ways=NICHES, patien
 """Of the sets with one flight to a goal, and with several."""
 
 _IRPO_POLICIES = {
-    1: ("07ffcdadeeb5c75c9d8c09b32a5d44859f1160c72296306e922c792abdf53fe7",),
-    2: ("c97dc839257b1746556c884f4e071150a0c82dab7f34682666ab893cc98fb3b8",),
-    3: ("dc39ac85f17a5bf406b5be3c8175ee68688fbd169a81cf75e15e5a2fa90c4857",),
+    1: ("74fe13e33ed34e8ad4cc6eb13bf0f1e1b4aa106f18d83294c80c5e979921fc06",),
+    2: (
+        "d7f2647a185b0b8d22d48348ee7abd98274660af9958eea53e9cb30df938ea70",
+        "5015ecca99a841e1911e499083eb784ebc740a40256fc2689f9f9a2ade68577b",
+    ),
+    3: (
+        "9320cea3683f5ad330c3be8d7fd8d755bd40e2b7f57be35d7637fcde71030220",
+        "c6392977419e8730c5597a6ee0e21ca9157e921c3cb2b89675e7af5e7a33c31e",
+    ),
 }
 """IRPO's iteration → SHA-256 of its policies, each one of `vvc_bench.policies.trained.TRAINED`."""
-_LEARNED_POLICIES = {
-    1: ("74fe13e33ed34e8ad4cc6eb13bf0f1e1b4aa106f18d83294c80c5e979921fc06",),
-    2: ("8690f5e66a72745d4ccbfe13abd9749a25e29a8e88eb007fb2bc55bb0f01512c",),
-    3: ("14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",),
-}
-"""The same for the sets that begin with the search's flights."""
 
 
-def _updated(
-    family: str, first: str, step: str, policies: Mapping[int, Sequence[str]], published: int | None = None
-) -> Iterator[Specification]:
-    """Sets made from one another by policies, and each one's mirror image, from which the next is made.
-
-    Args:
-        family: of their names.
-        first: the set that the first is made from.
-        step: what is counted, in words.
-        policies: number → SHA-256 of each policy.
-        published: number on OpenML of the paper's first such set, if it has the like.
-    """
-    parent = first
-    for k, hashes in policies.items():
-        name = f"{family}{k}-v0"
+def _irpo() -> Iterator[Specification]:
+    """The sets of IRPO's iterations, and each one's mirror image, from which the next is made."""
+    parent = "search-v0"
+    for k, hashes in _IRPO_POLICIES.items():
+        name = f"irpo{k}-v0"
         yield Specification(
             name,
-            f"{parent} after {'the policy' if len(hashes) == 1 else 'policies'} of {step} {k} flew the grid",
+            f"{parent} after the policies of IRPO's iteration {k} have flown the grid",
             LEARNED,
             Updated(PAPER_GRID, parent, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes)),
-            published=Published(f"D_E^{k}", published + 2 * k - 2) if published else None,
+            published=Published(f"D_E^{k}", 46010 + 2 * k),
         )
-        parent = f"{family}{k}-aug-v0"
+        parent = f"irpo{k}-aug-v0"
         yield Specification(
             parent,
             f"{name} and its mirror image",
             LEARNED,
             Mirrored(name, resimulate=False),
-            published=Published(f"D_E^{k}, augmented", published + 2 * k - 1) if published else None,
+            published=Published(f"D_E^{k}, augmented", 46011 + 2 * k),
         )
 
 
@@ -298,13 +288,12 @@ CATALOGUE = {
             HARD,
             Searched(SAMPLE_GRID, Budget(sweeps=3, generations=1, population=16, ways=NICHES, patience=1.3)),
         ),
-        *_updated("irpo", "pursuit-v0", "IRPO's iteration", _IRPO_POLICIES, published=46012),
-        *_updated("learned", "search-v0", "step", _LEARNED_POLICIES),
+        *_irpo(),
         Specification(
             "irpo1-sample-v0",
-            "315 goals of irpo1-v0, for tests and tutorials",
+            "pursuit-sample-v0 after the policy of IRPO's first iteration has flown its goals, for tests and tutorials",
             LEARNED,
-            Updated(SAMPLE_GRID, "pursuit-sample-v0", (f"{BY_HASH}{_IRPO_POLICIES[1][0]}",)),
+            Updated(SAMPLE_GRID, "pursuit-sample-v0", tuple(f"{BY_HASH}{sha256}" for sha256 in _IRPO_POLICIES[1])),
         ),
     )
 }
