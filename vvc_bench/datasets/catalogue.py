@@ -4,7 +4,7 @@ A name's meaning never changes: another figure is a new version.
 """
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -178,28 +178,42 @@ _IRPO_POLICIES = {
     ),
 }
 """IRPO's iteration → SHA-256 of its policies, each one of `vvc_bench.policies.trained.TRAINED`."""
+_LEARNED_POLICIES = {
+    2: ("8690f5e66a72745d4ccbfe13abd9749a25e29a8e88eb007fb2bc55bb0f01512c",),
+    3: ("14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",),
+}
+"""The same for sets after IRPO's first, by policies that went on from the first one's weights in place of clones."""
 
 
-def _irpo() -> Iterator[Specification]:
-    """The sets of IRPO's iterations, and each one's mirror image, from which the next is made."""
-    parent = "search-v0"
-    for k, hashes in _IRPO_POLICIES.items():
-        name = f"irpo{k}-v0"
+def _updated(
+    family: str, parent: str, flown: str, policies: Mapping[int, Sequence[str]], published: bool
+) -> Iterator[Specification]:
+    """Sets made from one another by policies, and each one's mirror image, from which the next is made.
+
+    Args:
+        family: of their names.
+        parent: the set that the first is made from.
+        flown: by which policies, in words.
+        policies: number → SHA-256 of each policy.
+        published: whether they stand for the paper's.
+    """
+    for k, hashes in policies.items():
+        name, image = f"{family}{k}-v0", f"{family}{k}-aug-v0"
         yield Specification(
             name,
-            f"{parent} after the policies of IRPO's iteration {k} have flown the grid",
+            f"{parent} after {flown} {k} flew the grid",
             LEARNED,
             Updated(PAPER_GRID, parent, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes)),
-            published=Published(f"D_E^{k}", 46010 + 2 * k),
+            published=Published(f"D_E^{k}", 46010 + 2 * k) if published else None,
         )
-        parent = f"irpo{k}-aug-v0"
         yield Specification(
-            parent,
+            image,
             f"{name} and its mirror image",
             LEARNED,
             Mirrored(name, resimulate=False),
-            published=Published(f"D_E^{k}, augmented", 46011 + 2 * k),
+            published=Published(f"D_E^{k}, augmented", 46011 + 2 * k) if published else None,
         )
+        parent = image
 
 
 CATALOGUE = {
@@ -288,7 +302,8 @@ CATALOGUE = {
             HARD,
             Searched(SAMPLE_GRID, Budget(sweeps=3, generations=1, population=16, ways=NICHES, patience=1.3)),
         ),
-        *_irpo(),
+        *_updated("irpo", "search-v0", "the policies of IRPO's iteration", _IRPO_POLICIES, published=True),
+        *_updated("learned", "irpo1-aug-v0", "policy", _LEARNED_POLICIES, published=False),
         Specification(
             "irpo1-sample-v0",
             "pursuit-sample-v0 after the policy of IRPO's first iteration has flown its goals, for tests and tutorials",

@@ -36,11 +36,12 @@ PAPER_SETS = (
     "pid-aug-v0",
     *(f"irpo{k}{suffix}-v0" for k in (1, 2, 3) for suffix in ("", "-aug")),
 )
-SETS = (*PAPER_SETS, "pursuit-v0", "search-v0")
+LEARNED_SETS = tuple(f"learned{k}{suffix}-v0" for k in (2, 3) for suffix in ("", "-aug"))
+SETS = (*PAPER_SETS, *LEARNED_SETS, "pursuit-v0", "search-v0")
 """Rows of Tables 1 and 12; the paper has nothing like those that follow its own."""
 CLONED = (
     "pid-v0",
-    *(f"{family}-aug-v0" for family in ("pid", "irpo1", "irpo2", "irpo3")),
+    *(f"{family}-aug-v0" for family in ("pid", "irpo1", "irpo2", "irpo3", "learned3")),
     "pursuit-v0",
     "search-v0",
 )
@@ -49,6 +50,8 @@ SHIPPED = MappingProxyType(
     {
         "irpo1-seed0": "IRPO from search-v0, iteration 1",
         **{f"irpo{k}-seed{seed}": f"iteration {k}, seed {seed}" for k in (2, 3) for seed in (0, 1)},
+        "learned2": "irpo1-seed0, then PPO by the sets' rules",
+        "learned3": "irpo1-seed0, then PPO by the sets' rules, within 1.5°",
     }
 )
 """Policies of the package in Table 3, and what they are."""
