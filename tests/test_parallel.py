@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from vvc_bench.sim.parallel import available_threads, for_each_chunk
+from vvc_bench.sim.parallel import _claims, available_threads, for_each_chunk
 
 
 @pytest.mark.parametrize("count", [0, 1, 255, 256, 511, 512, 513, 10_000])
@@ -22,6 +22,25 @@ def test_each_row_is_worked_on_once(count: int, threads: int) -> None:
 
     for_each_chunk(work, count, threads, smallest_share=256)
     assert (visits == 1).all()
+
+
+def test_no_row_is_claimed_twice_when_threads_are_interrupted_anywhere() -> None:
+    """Chunks overlapped once in millions, where a thread lost its turn just after it had claimed one."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(5):
+            claim, taken = _claims(20_000, 5000, 1), []
+            threads = [threading.Thread(target=lambda: taken.extend(iter(claim, None))) for _ in range(4)]  # noqa: B023
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            bounds = sorted(taken)
+            assert [start for start, _ in bounds] == [0, *(stop for _, stop in bounds[:-1])]
+            assert bounds[-1][1] == 20_000
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def test_small_batches_stay_on_the_calling_thread() -> None:

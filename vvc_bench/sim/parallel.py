@@ -136,7 +136,7 @@ def _claims(count: int, threads: int, smallest_chunk: int) -> Callable[[], tuple
         nonlocal begun
         with lock:
             start = begun
-            begun = min(count, start + max(smallest_chunk, (count - start) // (2 * threads)))
-        return (start, begun) if start < begun else None
+            stop = begun = min(count, start + max(smallest_chunk, (count - start) // (2 * threads)))
+        return (start, stop) if start < stop else None  # `begun` may be another thread's by now
 
     return claim
