@@ -4,10 +4,10 @@ python docs/figures/learning.py    # a minute; some more where the sets are not 
 """
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from figure_tools import COLOURS, FAINT, finish, new_figure, report, save, table
 from figure_tools.grid_coverage import draw_coverage
 
@@ -36,22 +36,24 @@ def curve(training: dict[str, Any]) -> tuple[list[float], list[float]]:
     return [each["done"] / 1e6 for each in judged], [100.0 * each["success"]["rate"] for each in judged]
 
 
-def iterations(seed: int) -> Iterator[dict[str, Any]]:
-    """What each iteration's PPO says of itself."""
-    return (read(path) for path in sorted((TRAININGS / "irpo").glob(f"*-seed{seed}-ppo.json")))
+def iterations(seed: int) -> dict[int, dict[str, Any]]:
+    """Iteration → what its PPO says of itself."""
+    return {int(path.name[0]): read(path) for path in sorted((TRAININGS / "irpo").glob(f"*-seed{seed}-ppo.json"))}
 
 
 def draw_curves() -> None:
     figure = new_figure(7.4, 3.6)
     axes = figure.subplots()
+    ends = np.cumsum([curve(training)[0][-1] for training in iterations(0).values()])
     for seed, marker in enumerate("o^"):
-        begun, label = 0.0, f"IRPO, three iterations, seed {seed}"
-        for training in iterations(seed):
+        label = f"IRPO, three iterations, seed {seed}"
+        for k, training in iterations(seed).items():
             steps, shares = curve(training)
-            places = [begun + each for each in steps]
+            places = np.array(steps) + (ends[k - 2] if k > 1 else 0.0)
             axes.plot(places, shares, color=COLOURS[0], linewidth=2 - seed, marker=marker, ms=3, label=label)
-            begun, label = begun + steps[-1], "_"
-            axes.axvline(begun, color=FAINT, linewidth=0.8, linestyle=":")
+            label = "_"
+    for end in ends:
+        axes.axvline(end, color=FAINT, linewidth=0.8, linestyle=":")
     for colour, (label, trial) in zip(COLOURS[1:], ALONE.items(), strict=False):
         axes.plot(*curve(read(TRAININGS / f"{trial}.json")), color=colour, linewidth=2, label=label)
     axes.legend(frameon=False, fontsize=10, loc="lower right")
