@@ -78,11 +78,7 @@ class Setting:
 
 
 def train_gcbc(
-    setting: Setting,
-    folder: Path,
-    dataset: Dataset,
-    name: str,
-    configuration: CloningConfiguration,
+    setting: Setting, folder: Path, dataset: Dataset, name: str, configuration: CloningConfiguration
 ) -> dict[str, Any]:
     """Clone the demonstrations of a set.
 

@@ -49,7 +49,7 @@ CLONED = (
 SHIPPED = MappingProxyType(
     {
         "irpo1-seed0": "IRPO from search-v0, iteration 1",
-        **{f"irpo{k}-seed{seed}": f"iteration {k}, seed {seed}" for k in (2, 3) for seed in (0, 1)},
+        **{f"irpo{k}-seed{seed}": f"IRPO, iteration {k}, seed {seed}" for k in (2, 3) for seed in (0, 1)},
         "learned2": "irpo1-seed0, then PPO by the sets' rules",
         "learned3": "irpo1-seed0, then PPO by the sets' rules, within 1.5°",
     }
