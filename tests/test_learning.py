@@ -1,5 +1,6 @@
 """The baselines learn, go on after they were stopped as if they had not been, and become ONNX files that act alike."""
 
+import dataclasses
 import json
 import os
 import signal
@@ -8,7 +9,8 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -39,7 +41,7 @@ from vvc_bench.baselines.features import ANTISYMMETRIC, FEATURES, RelativeFeatur
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.irpo import SUMMARY, train_irpo
 from vvc_bench.baselines.ppo import Improving
-from vvc_bench.baselines.recipes import Setting, make_environments, train_gcbc, train_gcbc_ppo
+from vvc_bench.baselines.recipes import Setting, make_environments, train_gcbc, train_gcbc_ppo, train_ppo
 from vvc_bench.baselines.sac import SoftActorCritic
 from vvc_bench.baselines.training import (
     BEST_POLICY,
@@ -568,6 +570,23 @@ def test_intermediate_draws_evenly_what_has_one_chance_everywhere() -> None:
     assert 0.2 < in_crowd(goals) < 0.4
 
 
+def test_intermediate_keeps_to_cells_that_hold_goals_asked_for() -> None:
+    """Here two: one in a corner of the box, one elsewhere; cells are 10 m/s, 20/17° and 60/17° wide."""
+    asked = np.array([[150.0, -10.0, -30.0], [222.0, 3.0, 1.0], [400.0, 0.0, 0.0]])
+    curriculum = Intermediate(EVERYWHERE, among=asked)
+    before = drawn(curriculum)
+    generator = np.random.default_rng(4)
+    for _ in range(5):
+        curriculum.conclude(generator.uniform(EVERYWHERE.low, EVERYWHERE.high, (1000, 3)), np.ones(1000, dtype=bool))
+    for goals in (before, drawn(curriculum)):
+        distances = np.abs(goals[:, None] - asked[:2]) < np.array([10.0, 20.0 / 17.0, 60.0 / 17.0])
+        near = distances.all(axis=2)
+        assert near.any(axis=1).all()
+        assert (near.mean(axis=0) > 0.4).all()
+    with pytest.raises(ValueError, match="no goal to learn: none of 1 lies in"):
+        Intermediate(EVERYWHERE, among=asked[2:])
+
+
 def test_intermediate_forgets() -> None:
     curriculum = concluded(lambda goals: np.zeros(len(goals)))
     assert curriculum.shares().mean() < 0.2
@@ -618,6 +637,8 @@ def test_configurations_by_name() -> None:
         (["ppo", "--seeds", "2"], "--seeds means nothing to ppo"),
         (["gcbc", "--demos", "pid-v0", "--processes", "2"], "--processes means nothing to gcbc"),
         (["sac", "--begin-with", "runs/x"], "--begin-with means nothing to sac"),
+        (["irpo", "--demos", "pid-v0", "--lacking", "pid-v0"], "--lacking means nothing to irpo"),
+        (["ppo", "--lacking", "pid-v0"], "--lacking goes with --curriculum intermediate"),
         (["ppo", "--begin-with", "runs/x"], "holds no training with a policy to begin with"),
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
@@ -654,12 +675,34 @@ def test_the_command_trains_judges_and_leaves_a_policy(tmp_path: Path, capsys: p
     assert list((place / "logs").glob("events.*"))
 
     arguments += ["--begin-with", str(place), "--protocol", "normal-sets-validation-v0"]
+    arguments += ["--curriculum", "intermediate", "--lacking", "pid-sample-v0"]
     arguments += ["--output", str(tmp_path / "further"), "--json"]
     assert main(arguments) == 0
     further = json.loads(capsys.readouterr().out)
     best = torch.load(place / "best.pt", weights_only=True)
     assert further["plan"]["demonstrator"] == {"sha256": weights_sha256(best)}
     assert further["protocol"] == "normal-sets-validation-v0"
+    lacking = load_dataset("pid-sample-v0")
+    assert further["plan"]["lacking"] == {"name": lacking.name, "hash": lacking.hash}
+
+
+def test_what_a_set_lacks_alone_is_learned_and_judged(tmp_path: Path) -> None:
+    """Of the grid's path angles in the box, −10° to 10° by 5°, the last; cells are 20/17° wide."""
+    steep = SimpleNamespace(name="no-climbs", hash="0" * 64, is_seen=lambda goals: goals[:, 1] < 8.0)
+    setting = Setting("normal", evaluations=1, lacking=cast(Dataset, steep))
+    learned = make_environments(setting, 16, "intermediate").get_attr("goals", 0)[0]
+    assert drawn(learned)[:, 1].min() >= 10.0 - 20.0 / 17.0
+    document = train_ppo(setting, tmp_path / "run", "test", TINY_PPO, curriculum="intermediate")
+    covered = learned.covers(named_protocol("normal-validation-v0").goals)
+    assert 20 < covered.sum() < 100
+    assert [each["success"]["episodes"] for each in document["evaluations"]] == [covered.sum()] * 2
+    with pytest.raises(ValueError, match="with the curriculum intermediate, not mega"):
+        make_environments(setting, 16, "mega")
+    nothing = dataclasses.replace(
+        setting, lacking=cast(Dataset, SimpleNamespace(is_seen=lambda goals: goals[:, 1] < 90))
+    )
+    with pytest.raises(ValueError, match="no goal to learn: none of 0"):
+        make_environments(nothing, 16, "intermediate")
 
 
 def test_irpo_adds_flights_of_its_policies_and_goes_on(tmp_path: Path) -> None:

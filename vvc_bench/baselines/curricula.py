@@ -28,6 +28,8 @@ from sklearn.neighbors import KernelDensity
 
 from vvc_bench.goals import UniformBox
 
+INTERMEDIATE = "intermediate"
+
 _OFFERED = 100
 """Candidates that `Mega` chooses from."""
 _BANDWIDTH = 0.05
@@ -153,11 +155,16 @@ class Intermediate(Curriculum):
     Args:
         box: where goals come from.
         seed: unused; whoever draws brings the generator.
+        among: goals, shape (K, 3), in outside units: goals are drawn from cells that hold one of these; by default from
+            all.
         cells: of each component.
         even: share of goals drawn evenly.
         smoothing: standard deviation of the smoothing, in cells.
         renewed: episodes after which shares are reckoned anew.
         kept: what an episode still counts after that.
+
+    Raises:
+        ValueError: if the box holds none of the goals.
     """
 
     def __init__(
@@ -165,6 +172,7 @@ class Intermediate(Curriculum):
         box: UniformBox,
         seed: int = 0,
         *,
+        among: NDArray[np.float64] | None = None,
         cells: tuple[int, int, int] = (10, 17, 17),
         even: float = 0.3,
         smoothing: float = 0.7,
@@ -177,13 +185,29 @@ class Intermediate(Curriculum):
         self._smoothing, self._renewed, self._kept = smoothing, renewed, kept
         self._reached, self._flown = np.zeros(cells), np.zeros(cells)
         self._unseen = 0
-        self._cumulative = np.empty(0)
+        self._open = np.ones(cells)
+        if among is not None:
+            self._open = np.zeros(cells)
+            self._open[self._cells_of(among)[1]] = 1.0
+            if not self._open.any():
+                raise ValueError(f"there is no goal to learn: none of {len(among)} lies in {box}")
+        self._cumulative_open, self._cumulative = _cumulative(self._open), np.empty(0)
+
+    def covers(self, goals: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which goals, shape (K, 3), lie in cells that are drawn from; shape (K,)."""
+        covered, cells = self._cells_of(goals)
+        covered[covered] = self._open[cells] > 0.0
+        return covered
+
+    def _cells_of(self, goals: NDArray[Any]) -> tuple[NDArray[np.bool_], tuple[NDArray[np.int64], ...]]:
+        """Which goals lie in the box, and the cells of these."""
+        cells = np.floor((goals - self._low) / self._width).astype(np.int64)
+        inside: NDArray[np.bool_] = ((cells >= 0) & (cells <= self._cells)).all(axis=1)
+        return inside, tuple(np.minimum(cells[inside], np.array(self._cells) - 1).T)
 
     def conclude(self, goals: NDArray[Any], reached: NDArray[np.bool_]) -> None:
         """Count the goals of the box by cell."""
-        cells = np.floor((goals - self._low) / self._width).astype(np.int64)
-        inside = ((cells >= 0) & (cells <= self._cells)).all(axis=1)
-        where = tuple(np.minimum(cells[inside], np.array(self._cells) - 1).T)
+        inside, where = self._cells_of(goals)
         np.add.at(self._flown, where, 1.0)
         np.add.at(self._reached, where, reached[inside])
         self._unseen += len(goals)
@@ -200,22 +224,30 @@ class Intermediate(Curriculum):
 
     def sample(self, generator: np.random.Generator) -> NDArray[np.float64]:
         """One goal, shape (3,), in outside units."""
-        if not len(self._cumulative) or generator.random() < self._even:
+        evenly = not len(self._cumulative) or generator.random() < self._even
+        if evenly and self._open.all():
             return self._box.sample(generator)
-        cell = np.unravel_index(np.searchsorted(self._cumulative, generator.random(), side="right"), self._cells)
+        cumulative = self._cumulative_open if evenly else self._cumulative
+        cell = np.unravel_index(np.searchsorted(cumulative, generator.random(), side="right"), self._cells)
         goal: NDArray[np.float64] = self._low + (cell + generator.random(3)) * self._width
         return goal
 
     def _renew(self) -> None:
         share = self.shares()
-        weights = np.cumsum(share * (1.0 - share))
-        self._cumulative = weights[:-1] / weights[-1]
+        self._cumulative = _cumulative(share * (1.0 - share) * self._open)
         self._reached *= self._kept
         self._flown *= self._kept
         self._unseen = 0
 
 
+def _cumulative(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where each cell's share of all weight ends, but for the last one."""
+    ends = np.cumsum(weights)
+    shares: NDArray[np.float64] = ends[:-1] / ends[-1]
+    return shares
+
+
 CURRICULA: Mapping[str, type[Achieved] | type[Intermediate]] = MappingProxyType(
-    {"rig": Rig, "discern": Discern, "mega": Mega, "intermediate": Intermediate}
+    {"rig": Rig, "discern": Discern, "mega": Mega, INTERMEDIATE: Intermediate}
 )
 """By name."""

@@ -18,17 +18,19 @@ from vvc_bench.baselines.configurations import (
     StagedConfiguration,
     amount_of,
 )
-from vvc_bench.baselines.curricula import CURRICULA
+from vvc_bench.baselines.curricula import CURRICULA, INTERMEDIATE, Intermediate
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.ppo import Improving
 from vvc_bench.baselines.sac import SoftActorCritic
-from vvc_bench.baselines.training import Learner, Plan, train, weights, weights_sha256
+from vvc_bench.baselines.training import Learner, Plan, protocol_for, train, weights, weights_sha256
 from vvc_bench.baselines.unit_actions import UnitActions, unit_box
+from vvc_bench.datasets.catalogue import PAPER_GRID
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.envs import ENVIRONMENT_IDS
 from vvc_bench.envs.options import make_spaces
 from vvc_bench.envs.stable_baselines import VelocityVectorVecEnv
+from vvc_bench.goals import GoalDistribution
 from vvc_bench.tasks import named_problem
 
 VALIDATION_SHARE = 0.1
@@ -60,6 +62,8 @@ class Setting:
         progress: makes a line of a label and a unit.
         fields: of the task, by column name (`vvc_bench.tasks.make_task`), for PPO and SAC to learn on a variant of it.
         protocol: what policies are judged on on the way, in place of the task's validation goals as they are.
+        lacking: a set, for PPO and SAC to learn near goals of the paper's grid that it lacks, and nowhere else, and to
+            be judged there.
     """
 
     task: str
@@ -70,11 +74,30 @@ class Setting:
     progress: Callable[[str, str], AbstractContextManager[Callable[[int, int], None]]] = silent
     fields: Mapping[str, Any] = field(default_factory=dict)
     protocol: str | None = None
+    lacking: Dataset | None = None
 
     def run(self, plan: Plan, folder: Path, make_learner: Callable[[], Learner], unit: str) -> dict[str, Any]:
         """Train with a line that says how far it has come."""
         with self.progress(f"{plan.algorithm} in {folder}", unit) as progress:
-            return train(plan, folder, make_learner, threads=self.threads, between=self.between, progress=progress)
+            return train(
+                plan,
+                folder,
+                make_learner,
+                threads=self.threads,
+                between=self.between,
+                judged=None if plan.lacking is None else self.lacking_goals().covers(protocol_for(plan).goals),
+                progress=progress,
+            )
+
+    def lacking_goals(self) -> Intermediate:
+        """A curriculum of goals near those that a set lacks.
+
+        Raises:
+            ValueError: if it lacks none of the task's.
+        """
+        assert self.lacking is not None
+        every = PAPER_GRID.goals
+        return Intermediate(named_problem(self.task).goals, among=every[~self.lacking.is_seen(every)])
 
 
 def train_gcbc(
@@ -96,8 +119,7 @@ def train_gcbc(
         ValueError: for fewer transitions than a batch, or another plan's folder.
         OSError: if it cannot be written.
     """
-    known = {"name": dataset.name, "hash": dataset.hash}
-    plan = _plan("gcbc", setting, name, configuration, demonstrations=known)
+    plan = _plan("gcbc", setting, name, configuration, demonstrations=_named(dataset))
 
     def make() -> Cloning:
         training, validation = dataset.split(VALIDATION_SHARE)
@@ -138,19 +160,13 @@ def train_ppo(
         What ``training.json`` holds.
 
     Raises:
-        ValueError: for other networks, or another plan's folder.
+        ValueError: for other networks, another plan's folder, or a set that lacks nothing.
         FileNotFoundError: for a demonstrator without weights.
         OSError: if it cannot be written.
     """
-    demonstrator = None if cloned is None else weights(cloned)
-    known = None if demonstrator is None else {"sha256": weights_sha256(demonstrator)}
-    if demonstrator is not None and critic is not None:
-        judging = weights(critic)
-        demonstrator |= {part: values for part, values in judging.items() if _VALUES in part}
-        known = {**(known or {}), "critic_sha256": weights_sha256(judging)}
+    demonstrator, known = (None, None) if cloned is None else _beginning(cloned, critic)
     algorithm = "ppo" if cloned is None else "gcbc-ppo"
-    origins = {"demonstrator": known, "curriculum": curriculum, "fields": setting.fields}
-    plan = _plan(algorithm, setting, name, configuration, **origins)
+    plan = _plan(algorithm, setting, name, configuration, demonstrator=known, **_goals_and_rules(setting, curriculum))
 
     def make() -> Improving:
         environments = make_environments(
@@ -168,7 +184,7 @@ def train_sac(
     """Learn by SAC, or SAC with hindsight. Arguments, result and errors as for `train_ppo`."""
     algorithm = "sac-her" if configuration.hindsight else "sac"
     fields = {**setting.fields, **(_HINDSIGHT if configuration.hindsight else {})}
-    plan = _plan(algorithm, setting, name, configuration, curriculum=curriculum, fields=fields)
+    plan = _plan(algorithm, setting, name, configuration, **_goals_and_rules(setting, curriculum) | {"fields": fields})
 
     def make() -> SoftActorCritic:
         environments = make_environments(setting, configuration.environments, curriculum, **fields)
@@ -212,24 +228,47 @@ def make_environments(
     Args:
         setting: task, seed and threads.
         count: how many.
-        curriculum: one of `CURRICULA`.
+        curriculum: one of `CURRICULA`; with a set whose goals are lacking, ``intermediate``.
         reward_scale: what rewards are multiplied by.
         **fields: of the task.
 
     Raises:
         ValueError: for an unknown task or curriculum.
     """
-    box = named_problem(setting.task).goals
+    goals = _goals(setting, curriculum)
     ids = {task: environment_id for environment_id, task in ENVIRONMENT_IDS.items()}
-    if curriculum is not None and curriculum not in CURRICULA:
-        raise ValueError(f"unknown curriculum {curriculum!r}; known are {', '.join(CURRICULA)}")
-    goals = box if curriculum is None else CURRICULA[curriculum](box, setting.seed)
     return UnitActions(
         VelocityVectorVecEnv(
             ids[setting.task], count, seed=setting.seed, threads=setting.threads, goals=goals, **fields
         ),
         reward_scale,
     )
+
+
+def _goals(setting: Setting, curriculum: str | None) -> GoalDistribution:
+    """What is learned."""
+    box = named_problem(setting.task).goals
+    if curriculum is not None and curriculum not in CURRICULA:
+        raise ValueError(f"unknown curriculum {curriculum!r}; known are {', '.join(CURRICULA)}")
+    if setting.lacking is not None:
+        if curriculum != INTERMEDIATE:
+            raise ValueError(f"goals that a set lacks are learned with the curriculum {INTERMEDIATE}, not {curriculum}")
+        return setting.lacking_goals()
+    return box if curriculum is None else CURRICULA[curriculum](box, setting.seed)
+
+
+def _goals_and_rules(setting: Setting, curriculum: str | None) -> dict[str, Any]:
+    """What a plan says of these."""
+    lacking = setting.lacking
+    return {
+        "curriculum": curriculum,
+        "lacking": None if lacking is None else _named(lacking),
+        "fields": setting.fields,
+    }
+
+
+def _named(dataset: Dataset) -> dict[str, str]:
+    return {"name": dataset.name, "hash": dataset.hash}
 
 
 def _plan(algorithm: str, setting: Setting, name: str, configuration: Configuration, **origins: Any) -> Plan:
@@ -243,6 +282,17 @@ def _plan(algorithm: str, setting: Setting, name: str, configuration: Configurat
         protocol=setting.protocol,
         **origins,
     )
+
+
+def _beginning(cloned: Path, critic: Path | None) -> tuple[dict[str, Any], dict[str, str]]:
+    """Weights to begin with, and where they are from."""
+    demonstrator = weights(cloned)
+    known = {"sha256": weights_sha256(demonstrator)}
+    if critic is None:
+        return demonstrator, known
+    judging = weights(critic)
+    values = {part: tensor for part, tensor in judging.items() if _VALUES in part}
+    return demonstrator | values, known | {"critic_sha256": weights_sha256(judging)}
 
 
 def _policy_with(state: dict[str, Any], hidden: tuple[int, ...]) -> DemonstratedPolicy:

@@ -29,7 +29,9 @@ from vvc_bench import sim
 from vvc_bench.baselines.unit_actions import from_unit
 from vvc_bench.datasets.folders import locked
 from vvc_bench.envs.options import make_spaces
-from vvc_bench.evaluation import evaluate, named_protocol, protocols
+from vvc_bench.evaluation import Evaluation, evaluate, named_protocol, protocols
+from vvc_bench.evaluation.columns import GOAL
+from vvc_bench.evaluation.summary import summarise
 from vvc_bench.flight.files import write_whole
 from vvc_bench.policies import to_onnx
 from vvc_bench.policies.trusted import FunctionAgent
@@ -87,6 +89,7 @@ class Plan:
         demonstrations: ``name`` and ``hash`` of a set, or None.
         demonstrator: ``sha256`` of the weights that it begins from, and of a critic that is not among them, or None.
         curriculum: a name, or None.
+        lacking: ``name`` and ``hash`` of a set, where only goals that it lacks are learned, or None.
         fields: of the task, where it learns on a variant of it; it is judged on the task itself.
         evaluations: how often it is judged on the way, evenly spread, besides the start.
         protocol: what it is judged on, in place of the task's validation goals as they are.
@@ -100,6 +103,7 @@ class Plan:
     demonstrations: Mapping[str, str] | None = None
     demonstrator: Mapping[str, str] | None = None
     curriculum: str | None = None
+    lacking: Mapping[str, str] | None = None
     fields: Mapping[str, Any] = field(default_factory=dict)
     evaluations: int = 10
     protocol: str | None = None
@@ -126,6 +130,7 @@ def train(
     *,
     threads: int = 1,
     between: float = _BETWEEN,
+    judged: NDArray[np.bool_] | None = None,
     progress: Progress = lambda _done, _total: None,
 ) -> dict[str, Any]:
     """Train, or go on from where this was interrupted; nothing if it is done.
@@ -139,17 +144,21 @@ def train(
         make_learner: the learner as it begins.
         threads: PyTorch's; more than one pays for large batches only, and is slow where cores are busy.
         between: seconds between two checkpoints, at least; there is one at every evaluation besides.
+        judged: which of the validation goals count, shape (N,); by default all.
         progress: told after each bit.
 
     Returns:
         What ``training.json`` holds.
 
     Raises:
-        ValueError: for a task without validation goals, or a folder that holds a training of another plan.
+        ValueError: for a task without validation goals, none that count, or a folder that holds a training of another
+            plan.
         FileExistsError: if it holds anything else.
         OSError: if it cannot be written.
     """
-    protocol_for(plan)
+    protocol = protocol_for(plan)
+    if judged is not None and not judged.any():
+        raise ValueError(f"there is nothing to judge on: none of the goals of {protocol.name} is to be learned")
     begin(plan, folder)
     with locked(folder):
         begun = begin(plan, folder)  # another process may have trained in the meantime
@@ -158,17 +167,17 @@ def train(
         for left in folder.glob(".*.unfinished*"):  # by a process that was killed as it wrote
             left.unlink()
         torch.set_num_threads(threads)
-        return _resumed(plan, folder, make_learner(), threads).run(between, progress)
+        return _resumed(plan, folder, make_learner(), threads, judged).run(between, progress)
 
 
-def _resumed(plan: Plan, folder: Path, learner: Learner, threads: int) -> "_Session":
+def _resumed(plan: Plan, folder: Path, learner: Learner, threads: int, judged: NDArray[np.bool_] | None) -> "_Session":
     """A training as it begins, or as its last checkpoint left it."""
     record: dict[str, Any] = {"evaluations": [], "wall_s": 0.0}
     if (folder / LAST).exists():
         kept = torch.load(folder / LAST, map_location="cpu", weights_only=False)
         learner.restore(kept["learner"])
         record = kept["record"]
-    return _Session(plan, folder, learner, record, threads)
+    return _Session(plan, folder, learner, record, threads, judged)
 
 
 def begin(plan: Plan, folder: Path) -> dict[str, Any]:
@@ -247,9 +256,17 @@ def deterministic(policy: Any) -> FunctionAgent:
 class _Session:
     """A training in one process."""
 
-    def __init__(self, plan: Plan, folder: Path, learner: Learner, record: dict[str, Any], threads: int) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        folder: Path,
+        learner: Learner,
+        record: dict[str, Any],
+        threads: int,
+        judged: NDArray[np.bool_] | None,
+    ) -> None:
         self._plan, self._folder, self._learner, self._record = plan, folder, learner, record
-        self._threads = threads
+        self._threads, self._judged = threads, judged
         self._begun = time.monotonic() - record["wall_s"]
         self._logger = _make_logger(folder / LOGS)
 
@@ -277,7 +294,8 @@ class _Session:
     def _judge(self) -> None:
         """Fly the validation goals; keep the policy if it is the best so far."""
         protocol = protocol_for(self._plan)
-        summary = evaluate(deterministic(self._learner.policy), protocol, threads=self._threads).summary
+        evaluation = evaluate(deterministic(self._learner.policy), protocol, threads=self._threads)
+        summary = evaluation.summary if self._judged is None else _summary_of(evaluation, protocol, self._judged)
         result = {"done": self._learner.done, **{name: summary[name] for name in ("success", "length_steps", "return")}}
         self._logger.record("validation/success", summary["success"]["rate"])
         self._logger.dump(self._learner.done)
@@ -324,6 +342,12 @@ class _Session:
 def _rank(result: Mapping[str, Any]) -> tuple[float, float]:
     """What makes one evaluation better than another: goals reached, and then the return."""
     return result["success"]["rate"], result["return"]["mean"]
+
+
+def _summary_of(evaluation: Evaluation, protocol: protocols.Protocol, judged: NDArray[np.bool_]) -> dict[str, Any]:
+    """Of some of the goals."""
+    episodes = evaluation.episodes
+    return summarise(episodes[judged[episodes[GOAL].to_numpy()]], protocol, {}, evaluation.summary["seeds"])
 
 
 def _is_due(before: int, done: int, plan: Plan) -> bool:

@@ -14,6 +14,7 @@ from vvc_bench.tasks import TASKS, make_task
 
 ALGORITHMS = (*CONFIGURATIONS, *STAGED)
 CURRICULA = ("rig", "discern", "mega", "intermediate")
+_FOR_LACKING = "intermediate"
 _CLONING = ("gcbc", *STAGED)
 _EXTRA = ("torch", "stable_baselines3", "imitation", "onnx", "onnxruntime")
 
@@ -47,6 +48,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--curriculum",
         choices=CURRICULA,
         help="where PPO and SAC take their goals from, in place of evenly from the task's box",
+    )
+    parser.add_argument(
+        "--lacking",
+        metavar="SET",
+        help=f"learn by PPO or SAC only near goals that a set lacks; with --curriculum {_FOR_LACKING}",
     )
     parser.add_argument(
         "--evaluations",
@@ -108,6 +114,7 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
         progress=progress_line,
         fields=dict(options.set),
         protocol=options.protocol,
+        lacking=load_dataset(options.lacking) if options.lacking else None,
     )
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
@@ -165,12 +172,15 @@ def _check(options: argparse.Namespace) -> None:
         "--set": options.algorithm == "gcbc" and options.set,
         "--begin-with": options.algorithm != "ppo" and options.begin_with,
         "--protocol": options.algorithm == "irpo" and options.protocol,
+        "--lacking": options.algorithm in ("gcbc", "irpo") and options.lacking,
         "--seeds": options.algorithm != "irpo" and options.seeds != [1],
         "--processes": options.algorithm != "irpo" and options.processes > 1,
     }
     for option, given in wrong.items():
         if given:
             raise ValueError(f"{option} means nothing to {options.algorithm}; leave it out")
+    if options.lacking and options.curriculum != _FOR_LACKING:
+        raise ValueError(f"--lacking goes with --curriculum {_FOR_LACKING}")
     if options.seed < 0:
         raise ValueError(f"--seed must not be negative, got {options.seed}")
     make_task(TASKS[options.task].task, **dict(options.set))
