@@ -118,3 +118,35 @@ def test_publishing_writes_a_mirror_with_the_card(home: Path, tmp_path: Path) ->
     assert {"manifest.json", "card.html", "coverage.png", "openml.json"} <= {path.name for path in place.iterdir()}
     fetched = run(home, "download", SAMPLE, "--source", str(tmp_path / "public"), "--json")
     assert json.loads(fetched.stdout)["hash"] == json.loads(run(home, "info", SAMPLE, "--json").stdout)["hash"]
+
+
+def test_a_set_is_updated_by_a_policy_and_mirrored(home: Path, tmp_path: Path) -> None:
+    """The same flights as of the catalogue's set by that policy, under other labels."""
+    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install vvc-bench[onnx]")
+    mine, image = str(tmp_path / "mine"), str(tmp_path / "mine-aug")
+    made = run(home, "update", "pursuit-sample-v0", "--policy", "irpo1-seed0", "--grid", "sample", "--output", mine)
+    assert (made.returncode, made.stderr) == (0, "")
+    same = run(home, "diff", "irpo1-sample-v0", mine, "--json")
+    found = json.loads(same.stdout)
+    assert found.pop("same") > 200
+    assert [found[name] for name in ("gained", "lost", "shortened", "lengthened", "changed")] == [[]] * 5
+    assert run(home, "mirror", mine, "--grid", "sample", "--output", image).returncode == 0
+    gained = json.loads(run(home, "diff", mine, image, "--json").stdout)
+    assert gained["lost"] == gained["lengthened"] == []
+    assert run(home, "verify", image).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("policy", "name", "message"),
+    [
+        ("pid", "mine", "'pid' has no file whose hash a set could name"),
+        ("irpo1-seed0", "My set", "'My set' is no name of a dataset"),
+        ("missing.onnx", "mine", "missing.onnx"),
+    ],
+)
+def test_what_cannot_update_a_set_is_refused(home: Path, tmp_path: Path, policy: str, name: str, message: str) -> None:
+    pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install vvc-bench[onnx]")
+    done = run(home, "update", SAMPLE, "--policy", policy, "--output", str(tmp_path / name))
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -91,15 +91,17 @@ def learners_table() -> str:
             if row["ours"]:
                 protocols = list(row["ours"])
                 trained = row.get("trainings", ())
-                amounts = " + ".join(f"{each['done']:,} {each['unit']}" for each in trained)
-                minutes = sum(each["wall_s"] for each in trained) / 60.0
+                seeds = len(row["policies"])
+                amounts = " + ".join(f"{each['done']:,} {each['unit']}" for each in trained[: len(trained) // seeds])
+                minutes = sum(each["wall_s"] for each in trained) / 60.0 / seeds
                 rows[row["label"]] = [
                     row["label"],
                     *(f"{each['percent']:.1f} ({each['low']:.1f}–{each['high']:.1f})" for each in row["ours"].values()),
+                    f"{seeds}" if trained else "",
                     amounts or "ships with the package",
                     f"{minutes:.0f}" if trained else "",
                 ]
-    return table(["", *(f"{name}, %" for name in protocols), "trained for", "minutes"], rows.values())
+    return table(["", *(f"{name}, %" for name in protocols), "seeds", "trained for", "minutes"], rows.values())
 
 
 def main() -> None:

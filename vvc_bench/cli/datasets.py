@@ -7,10 +7,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-from vvc_bench.datasets.build import Engine, build_dataset
-from vvc_bench.datasets.catalogue import CATALOGUE, named_specification
+from vvc_bench.datasets.build import Engine, add_mirror_image, build_dataset, update_by_policies
+from vvc_bench.datasets.catalogue import (
+    BY_HASH,
+    CATALOGUE,
+    LEARNED,
+    PAPER_GRID,
+    SAMPLE_GRID,
+    Mirrored,
+    Specification,
+    Updated,
+    named_specification,
+)
 from vvc_bench.datasets.dataset import Dataset
-from vvc_bench.datasets.local import datasets_folder
+from vvc_bench.datasets.local import checked_name, datasets_folder
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.publish import publish, publish_on_openml
 from vvc_bench.datasets.sources import load_dataset
@@ -18,11 +28,14 @@ from vvc_bench.datasets.store import open_dataset
 from vvc_bench.datasets.verify import Difference, difference, fly_again
 from vvc_bench.goals import GOAL_COLUMNS
 from vvc_bench.metrics import PUBLISHED
+from vvc_bench.policies import open_agent
+from vvc_bench.policies.trained import TRAINED
 
 FAILED = 1
 """Exit code of a check that found something."""
 _SHOWN = 5
 """Divergences and goals printed; ``--json`` has all."""
+_GRIDS = {"paper": PAPER_GRID, "sample": SAMPLE_GRID}
 
 
 class _Command(NamedTuple):
@@ -159,10 +172,58 @@ def _build(options: argparse.Namespace) -> int:
             engine=options.engine,
             progress=show,
         )
+    return _show_made(options, folder)
+
+
+def _show_made(options: argparse.Namespace, folder: Path) -> int:
     dataset = open_dataset(folder)
     document = {"folder": str(folder), "hash": dataset.hash, "table_1": dataset.manifest["metrics"]["table_1"]}
     _show(options, document, [f"{dataset!r} in {folder}", *_table_1_lines(dataset)])
     return 0
+
+
+def _make_options(parser: argparse.ArgumentParser) -> None:
+    """Of sets that are made from another one, and are of no catalogue."""
+    _one_set(parser)
+    parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="where; its name is the set's")
+    parser.add_argument("--grid", choices=list(_GRIDS), default="paper", help="all goals (default: %(default)s)")
+    parser.add_argument("--threads", type=_positive, help="at most so many (default: all cores)")
+
+
+def _update_options(parser: argparse.ArgumentParser) -> None:
+    _make_options(parser)
+    parser.add_argument(
+        "--policy",
+        action="append",
+        required=True,
+        metavar="FILE",
+        help="an ONNX file, or a trained policy of the package; may be given several times",
+    )
+
+
+def _update(options: argparse.Namespace) -> int:
+    name, parent = checked_name(options.output.name), load_dataset(options.set, source=options.source)
+    agents = [open_agent(policy) for policy in options.policy]
+    hashes = [agent.describe()["sha256"] for agent in agents]
+    if None in hashes:
+        raise ValueError(
+            f"{options.policy[hashes.index(None)]!r} has no file whose hash a set could name: give ONNX files, or some "
+            f"of {', '.join(TRAINED)}"
+        )
+    grid = _GRIDS[options.grid]
+    recipe = Updated(grid, parent.name, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes))
+    specification = Specification(name, f"{parent.name} after policies flew the grid", LEARNED, recipe)
+    with progress_line(f"flying {name}", "goals") as show:
+        update_by_policies(specification, options.output, parent, agents, threads=options.threads, progress=show)
+    return _show_made(options, options.output)
+
+
+def _mirror(options: argparse.Namespace) -> int:
+    name, parent = checked_name(options.output.name), load_dataset(options.set, source=options.source)
+    recipe, summary = Mirrored(parent.name, resimulate=False), f"{parent.name} and its mirror image"
+    specification = Specification(name, summary, parent.scenario, recipe)
+    add_mirror_image(specification, options.output, parent, _GRIDS[options.grid].goals, threads=options.threads)
+    return _show_made(options, options.output)
 
 
 def _download(options: argparse.Namespace) -> int:
@@ -306,6 +367,8 @@ _COMMANDS = {
     "list": _Command("list the known sets", _no_options, _list),
     "info": _Command("say what a set is, with its row of the paper's Table 1", _one_set, _info),
     "build": _Command("make a set from its specification", _build_options, _build),
+    "update": _Command("fly policies to every goal, and keep what is new or shorter (IRPO)", _update_options, _update),
+    "mirror": _Command("add a set's mirror image, left for right", _make_options, _mirror),
     "download": _Command("have a set on this machine, built or fetched", _one_set, _download),
     "verify": _Command("check every byte of a set, and fly every trajectory again", _verify_options, _verify),
     "diff": _Command("compare two sets goal by goal", _diff_options, _diff),

@@ -183,6 +183,11 @@ _LEARNED_POLICIES = {
     3: ("14cf5a456706aeb3d6b000a0d5c3cd9bb610a4c943f9561062f474d24781af08",),
 }
 """The same for sets after IRPO's first, by policies that went on from the first one's weights in place of clones."""
+_LACKING_POLICIES = {
+    4: (*_IRPO_POLICIES[3], "e55b76be0ee19f3b8f88f6297c6ea1b94eb5d517aa7b66a544e9098afd878acf"),
+}
+"""The same for sets after these, by IRPO's last policies, and by others that went on from the first one's weights with
+goals alone that the set before lacked."""
 
 
 def _updated(
@@ -304,6 +309,7 @@ CATALOGUE = {
         ),
         *_updated("irpo", "search-v0", "the policies of IRPO's iteration", _IRPO_POLICIES, published=True),
         *_updated("learned", "irpo1-aug-v0", "policy", _LEARNED_POLICIES, published=False),
+        *_updated("learned", "learned3-aug-v0", "the policies of step", _LACKING_POLICIES, published=False),
         Specification(
             "irpo1-sample-v0",
             "pursuit-sample-v0 after the policy of IRPO's first iteration has flown its goals, for tests and tutorials",

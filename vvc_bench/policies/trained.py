@@ -7,7 +7,11 @@ from importlib.resources import as_file, files
 
 from vvc_bench.policies.onnx import OnnxAgent, open_onnx
 
-TRAINED = ("irpo1-seed0", *(f"irpo{k}-seed{seed}" for k in (2, 3) for seed in (0, 1)), "learned2", "learned3")
+TRAINED = (
+    "irpo1-seed0",
+    *(f"irpo{k}-seed{seed}" for k in (2, 3) for seed in (0, 1)),
+    *(f"learned{k}" for k in (2, 3, 4)),
+)
 """Their names."""
 
 _MODELS = "models"
