@@ -185,6 +185,10 @@ _LEARNED_POLICIES = {
 """The same for sets after IRPO's first, by policies that went on from the first one's weights in place of clones."""
 _LACKING_POLICIES = {
     4: (*_IRPO_POLICIES[3], "e55b76be0ee19f3b8f88f6297c6ea1b94eb5d517aa7b66a544e9098afd878acf"),
+    5: (
+        "efdcaed0790de446a909ae68fb17cf78f10106b4062c191133b7ef2469a14cd7",
+        "609cee240aa7c165897b63ca4d116a6982ecf02f3e9b14cd4f9d00c7d695bbe5",
+    ),
 }
 """The same for sets after these, by IRPO's last policies, and by others that went on from the first one's weights with
 goals alone that the set before lacked."""

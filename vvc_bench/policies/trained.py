@@ -11,6 +11,7 @@ TRAINED = (
     "irpo1-seed0",
     *(f"irpo{k}-seed{seed}" for k in (2, 3) for seed in (0, 1)),
     *(f"learned{k}" for k in (2, 3, 4)),
+    *(f"learned5-seed{seed}" for seed in (0, 1)),
 )
 """Their names."""
 

@@ -36,12 +36,12 @@ PAPER_SETS = (
     "pid-aug-v0",
     *(f"irpo{k}{suffix}-v0" for k in (1, 2, 3) for suffix in ("", "-aug")),
 )
-LEARNED_SETS = tuple(f"learned{k}{suffix}-v0" for k in (2, 3) for suffix in ("", "-aug"))
+LEARNED_SETS = tuple(f"learned{k}{suffix}-v0" for k in (2, 3, 4, 5) for suffix in ("", "-aug"))
 SETS = (*PAPER_SETS, *LEARNED_SETS, "pursuit-v0", "search-v0")
 """Rows of Tables 1 and 12; the paper has nothing like those that follow its own."""
 CLONED = (
     "pid-v0",
-    *(f"{family}-aug-v0" for family in ("pid", "irpo1", "irpo2", "irpo3", "learned3")),
+    *(f"{family}-aug-v0" for family in ("pid", "irpo1", "irpo2", "irpo3", "learned3", "learned5")),
     "pursuit-v0",
     "search-v0",
 )
