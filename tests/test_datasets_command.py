@@ -142,6 +142,7 @@ def test_a_set_is_updated_by_a_policy_and_mirrored(home: Path, tmp_path: Path) -
         ("pid", "mine", "'pid' has no file whose hash a set could name"),
         ("irpo1-seed0", "My set", "'My set' is no name of a dataset"),
         ("missing.onnx", "mine", "missing.onnx"),
+        ("irpo1-seed0", SAMPLE, f"{SAMPLE} is the set that it would be made from"),
     ],
 )
 def test_what_cannot_update_a_set_is_refused(home: Path, tmp_path: Path, policy: str, name: str, message: str) -> None:

@@ -15,7 +15,7 @@ from vvc_bench import load_dataset
 
 RESULTS = Path(__file__).parents[2] / "results"
 TRAININGS = RESULTS / "trainings"
-LADDER = ("irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0")
+LADDER = ("irpo1-aug-v0", "irpo2-aug-v0", "irpo3-aug-v0", "learned5-aug-v0")
 """Sets side by side."""
 ALONE = {
     "GCBC+PPO from search-v0": "laptop/gcbc-ppo-search-seed0",

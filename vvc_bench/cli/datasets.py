@@ -201,8 +201,16 @@ def _update_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _update(options: argparse.Namespace) -> int:
+def _named_parent(options: argparse.Namespace) -> tuple[str, Dataset]:
+    """Name of a set that is to be made, and the set that it is made from."""
     name, parent = checked_name(options.output.name), load_dataset(options.set, source=options.source)
+    if name == parent.name:
+        raise ValueError(f"{name} is the set that it would be made from: give --output another name")
+    return name, parent
+
+
+def _update(options: argparse.Namespace) -> int:
+    name, parent = _named_parent(options)
     agents = [open_agent(policy) for policy in options.policy]
     hashes = [agent.describe()["sha256"] for agent in agents]
     if None in hashes:
@@ -219,7 +227,7 @@ def _update(options: argparse.Namespace) -> int:
 
 
 def _mirror(options: argparse.Namespace) -> int:
-    name, parent = checked_name(options.output.name), load_dataset(options.set, source=options.source)
+    name, parent = _named_parent(options)
     recipe, summary = Mirrored(parent.name, resimulate=False), f"{parent.name} and its mirror image"
     specification = Specification(name, summary, parent.scenario, recipe)
     add_mirror_image(specification, options.output, parent, _GRIDS[options.grid].goals, threads=options.threads)
