@@ -17,7 +17,7 @@ from vvc_bench.baselines.configurations import StagedConfiguration
 from vvc_bench.baselines.recipes import PPO, Setting, silent, train_gcbc_ppo
 from vvc_bench.baselines.training import BEST_POLICY, write_json
 from vvc_bench.datasets.build import add_mirror_image, update_by_policies
-from vvc_bench.datasets.catalogue import BY_HASH, LEARNED, GoalGrid, Mirrored, Specification, Updated, grid_flown
+from vvc_bench.datasets.catalogue import LEARNED, GoalGrid, Mirrored, Specification, Updated, grid_flown
 from vvc_bench.datasets.dataset import Dataset
 from vvc_bench.datasets.manifest import MANIFEST
 from vvc_bench.datasets.store import open_dataset
@@ -154,7 +154,7 @@ def _update(
         f"irpo{k}-seed{setting.seed}",
         f"iteration {k} of IRPO from {parent.name}, seed {setting.seed}",
         LEARNED,
-        Updated(grid, parent.name, tuple(f"{BY_HASH}{agent.sha256}" for agent in agents)),
+        Updated.by_files(grid, parent.name, [agent.sha256 for agent in agents]),
         setting.seed,
     )
     if not _is_made(folder, specification, parent):

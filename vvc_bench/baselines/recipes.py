@@ -166,7 +166,8 @@ def train_ppo(
     """
     demonstrator, known = (None, None) if cloned is None else _beginning(cloned, critic)
     algorithm = "ppo" if cloned is None else "gcbc-ppo"
-    plan = _plan(algorithm, setting, name, configuration, demonstrator=known, **_goals_and_rules(setting, curriculum))
+    origins = {"curriculum": curriculum, "lacking": _named(setting.lacking), "fields": setting.fields}
+    plan = _plan(algorithm, setting, name, configuration, demonstrator=known, **origins)
 
     def make() -> Improving:
         environments = make_environments(
@@ -184,7 +185,8 @@ def train_sac(
     """Learn by SAC, or SAC with hindsight. Arguments, result and errors as for `train_ppo`."""
     algorithm = "sac-her" if configuration.hindsight else "sac"
     fields = {**setting.fields, **(_HINDSIGHT if configuration.hindsight else {})}
-    plan = _plan(algorithm, setting, name, configuration, **_goals_and_rules(setting, curriculum) | {"fields": fields})
+    origins = {"curriculum": curriculum, "lacking": _named(setting.lacking), "fields": fields}
+    plan = _plan(algorithm, setting, name, configuration, **origins)
 
     def make() -> SoftActorCritic:
         environments = make_environments(setting, configuration.environments, curriculum, **fields)
@@ -257,18 +259,8 @@ def _goals(setting: Setting, curriculum: str | None) -> GoalDistribution:
     return box if curriculum is None else CURRICULA[curriculum](box, setting.seed)
 
 
-def _goals_and_rules(setting: Setting, curriculum: str | None) -> dict[str, Any]:
-    """What a plan says of these."""
-    lacking = setting.lacking
-    return {
-        "curriculum": curriculum,
-        "lacking": None if lacking is None else _named(lacking),
-        "fields": setting.fields,
-    }
-
-
-def _named(dataset: Dataset) -> dict[str, str]:
-    return {"name": dataset.name, "hash": dataset.hash}
+def _named(dataset: Dataset | None) -> dict[str, str] | None:
+    return None if dataset is None else {"name": dataset.name, "hash": dataset.hash}
 
 
 def _plan(algorithm: str, setting: Setting, name: str, configuration: Configuration, **origins: Any) -> Plan:

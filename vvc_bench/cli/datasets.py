@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, get_args
 
 from vvc_bench.datasets.build import Engine, add_mirror_image, build_dataset, update_by_policies
 from vvc_bench.datasets.catalogue import (
-    BY_HASH,
     CATALOGUE,
     LEARNED,
     PAPER_GRID,
@@ -28,7 +27,7 @@ from vvc_bench.datasets.store import open_dataset
 from vvc_bench.datasets.verify import Difference, difference, fly_again
 from vvc_bench.goals import GOAL_COLUMNS
 from vvc_bench.metrics import PUBLISHED
-from vvc_bench.policies import open_agent
+from vvc_bench.policies import Agent, open_agent
 from vvc_bench.policies.trained import TRAINED
 
 FAILED = 1
@@ -209,17 +208,21 @@ def _named_parent(options: argparse.Namespace) -> tuple[str, Dataset]:
     return name, parent
 
 
+def _file_hash(policy: str, agent: Agent) -> str:
+    """What a set names a policy by."""
+    sha256 = agent.describe()["sha256"]
+    if sha256 is None:
+        raise ValueError(
+            f"{policy!r} has no file whose hash a set could name: give ONNX files, or some of {', '.join(TRAINED)}"
+        )
+    return sha256
+
+
 def _update(options: argparse.Namespace) -> int:
     name, parent = _named_parent(options)
     agents = [open_agent(policy) for policy in options.policy]
-    hashes = [agent.describe()["sha256"] for agent in agents]
-    if None in hashes:
-        raise ValueError(
-            f"{options.policy[hashes.index(None)]!r} has no file whose hash a set could name: give ONNX files, or some "
-            f"of {', '.join(TRAINED)}"
-        )
-    grid = _GRIDS[options.grid]
-    recipe = Updated(grid, parent.name, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes))
+    hashes = [_file_hash(policy, agent) for policy, agent in zip(options.policy, agents, strict=True)]
+    recipe = Updated.by_files(_GRIDS[options.grid], parent.name, hashes)
     specification = Specification(name, f"{parent.name} after policies flew the grid", LEARNED, recipe)
     with progress_line(f"flying {name}", "goals") as show:
         update_by_policies(specification, options.output, parent, agents, threads=options.threads, progress=show)

@@ -4,7 +4,7 @@ A name's meaning never changes: another figure is a new version.
 """
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
@@ -78,6 +78,11 @@ class Updated:
     parent: str
     policies: tuple[str, ...]
     """`BY_HASH` and the SHA-256 of an ONNX file each; of equally short flights the first one's is kept."""
+
+    @classmethod
+    def by_files(cls, grid: GoalGrid, parent: str, hashes: Iterable[str]) -> "Updated":
+        """With policies by the SHA-256 of their files."""
+        return cls(grid, parent, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes))
 
 
 BY_HASH = "sha256:"
@@ -212,7 +217,7 @@ def _updated(
             name,
             f"{parent} after {flown} {k} flew the grid",
             LEARNED,
-            Updated(PAPER_GRID, parent, tuple(f"{BY_HASH}{sha256}" for sha256 in hashes)),
+            Updated.by_files(PAPER_GRID, parent, hashes),
             published=Published(f"D_E^{k}", 46010 + 2 * k) if published else None,
         )
         yield Specification(
@@ -318,7 +323,7 @@ CATALOGUE = {
             "irpo1-sample-v0",
             "pursuit-sample-v0 after the policy of IRPO's first iteration has flown its goals, for tests and tutorials",
             LEARNED,
-            Updated(SAMPLE_GRID, "pursuit-sample-v0", tuple(f"{BY_HASH}{sha256}" for sha256 in _IRPO_POLICIES[1])),
+            Updated.by_files(SAMPLE_GRID, "pursuit-sample-v0", _IRPO_POLICIES[1]),
         ),
     )
 }
