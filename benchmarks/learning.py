@@ -1,11 +1,12 @@
 """How fast the baselines learn, in one run on one machine (extra ``train``).
 
-    python benchmarks/learning.py [--quick]
+    python benchmarks/learning.py [--quick] [--device cuda]
 
 GCBC: transitions a second through imitation's ``BC`` with our batches, and with its own loader, of the same flights.
 PPO: steps a second, roll-out and updates together, on our vector environment, on one that does nothing (what is left is
 Stable-Baselines3 and PyTorch), and on Stable-Baselines3's ``DummyVecEnv`` of single environments. With one thread and
-with two, of PyTorch and of the aircraft. Median of repeats taken in turn.
+with two, of PyTorch and of the aircraft. With ``--device`` GCBC and PPO on our environments also where that says, one
+thread flying. Median of repeats taken in turn.
 """
 
 import argparse
@@ -26,6 +27,7 @@ import vvc_bench
 from vvc_bench import sim
 from vvc_bench.baselines.actors import make_policy
 from vvc_bench.baselines.configurations import GCBC_RELEASED, PPO_FAST
+from vvc_bench.baselines.devices import CPU, find_device
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.ppo import Improving
 from vvc_bench.baselines.recipes import Setting, make_environments
@@ -96,9 +98,9 @@ def with_threads(threads: int, run: Measured) -> Measured:
     return counted
 
 
-def our_batches(flights: Episodes) -> Measured:
+def our_batches(flights: Episodes, device: torch.device = CPU) -> Measured:
     transitions = transitions_of(flights)
-    cloning = Cloning(transitions, None, WHERE, GCBC_RELEASED, 0)
+    cloning = Cloning(transitions, None, WHERE, GCBC_RELEASED, 0, device)
 
     def run() -> int:
         cloning.advance(SILENT)
@@ -130,9 +132,9 @@ def its_loader(flights: Episodes, batches: int) -> Measured:
     return run
 
 
-def ppo(make: Callable[[], Any], aircraft: int) -> Measured:
+def ppo(make: Callable[[], Any], aircraft: int, device: torch.device = CPU) -> Measured:
     configuration = PPO_FAST._replace(environments=aircraft, batch_size=min(PPO_FAST.batch_size, aircraft * STEPS))
-    learner = Improving(make(), configuration, 0)
+    learner = Improving(make(), configuration, 0, device=device)
 
     def run() -> int:
         before = learner.done
@@ -149,7 +151,9 @@ def singles(count: int) -> UnitActions:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer repeats")
-    repeats = 2 if parser.parse_args().quick else 7
+    parser.add_argument("--device", help="an accelerator as PyTorch names it, as cuda")
+    options = parser.parse_args()
+    repeats = 2 if options.quick else 7
     flights = vvc_bench.load_dataset("pid-v0").select(slice(0, 400)).read()
     gcbc: dict[str, Measured] = {}
     learning: dict[str, Measured] = {}
@@ -164,6 +168,12 @@ def main() -> None:
             ("DummyVecEnv of single environments", lambda: singles(AIRCRAFT), AIRCRAFT),
         ):
             learning[f"PPO, {name}, {label}"] = with_threads(threads, ppo(make, aircraft))
+    if options.device is not None:
+        device, there, setting = find_device(options.device), f"on {options.device}", Setting("hard")
+        gcbc[f"GCBC, our batches, {there}"] = with_threads(1, our_batches(flights, device))
+        learning[f"PPO, our vector environment, {there}"] = with_threads(
+            1, ppo(lambda: make_environments(setting, AIRCRAFT), AIRCRAFT, device)
+        )
     print(f"{len(flights.rewards):,} transitions; {AIRCRAFT} aircraft, {STEPS} steps a roll-out; median of {repeats}\n")
     for unit, cases in (("transitions/s", gcbc), ("steps/s", learning)):
         print(f"| | {unit} |\n|---|---:|")

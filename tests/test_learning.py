@@ -37,6 +37,7 @@ from vvc_bench.baselines.configurations import (
     with_amount,
 )
 from vvc_bench.baselines.curricula import CURRICULA, Achieved, Curriculum, Intermediate
+from vvc_bench.baselines.devices import find_device
 from vvc_bench.baselines.features import ANTISYMMETRIC, FEATURES, RelativeFeatures
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.irpo import SUMMARY, train_irpo
@@ -410,6 +411,28 @@ def test_a_learner_that_was_stopped_goes_on_as_if_it_had_not_been(name: str, flo
     assert weights_sha256(other.policy.state_dict()) != weights_sha256(make().policy.state_dict())
 
 
+def test_networks_are_on_the_device_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PyTorch refuses to reckon with tensors of two devices; ``meta``, which holds no values, every machine has."""
+    monkeypatch.setattr(torch.distributions.Distribution, "_validate_args", False)  # it would look at values
+    where = find_device("meta")
+    penalised = TINY_PPO._replace(demonstrator_penalty=0.1)
+    learner = Improving(make_environments(Setting("normal"), 16), penalised, 0, policy_of(TINY_PPO.hidden), where)
+    seen = {name: torch.from_numpy(each).to(where) for name, each in observations(8).items()}
+    told = learner.policy.evaluate_actions(seen, torch.zeros((8, 3), device=where))
+    assert [each.device for each in told] == [where] * 3
+    for other in (SoftActorCritic(easy_environments(4), TINY_SAC, 0, where), learner):
+        parameters, variables = (other.state()[part] for part in ("parameters", "variables"))
+        held = [*parameters["policy"].values(), *variables.values()]
+        assert {each.device for each in held} == {where}
+
+
+def test_a_training_says_where_it_took_place(small_set: Dataset, tmp_path: Path) -> None:
+    configuration = GCBC_SMALL._replace(epochs=1, batch_size=512)
+    setting = Setting("normal", evaluations=1, device=find_device("auto"))
+    document = train_gcbc(setting, tmp_path / "run", small_set, "small", configuration)
+    assert torch.device(document["device"]).type == ("cuda" if torch.cuda.is_available() else "cpu")
+
+
 TRAIN_SLOWLY = """
 import sys, time
 from pathlib import Path
@@ -642,6 +665,8 @@ def test_configurations_by_name() -> None:
         (["ppo", "--begin-with", "runs/x"], "holds no training with a policy to begin with"),
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
+        (["ppo", "--device", "gpu"], "networks cannot be trained on 'gpu' here: "),
+        (["ppo", "--device", "mps" if torch.cuda.is_available() else "cuda"], "choose cpu, or auto"),
         (["ppo", "--set", "band=1"], "unknown task field 'band'"),
         (["ppo", "--set", "direction_band_deg=-1"], "direction_band_deg must"),
         (["ppo", "--task", "flycraft"], "unknown protocol 'flycraft-validation-v0'"),

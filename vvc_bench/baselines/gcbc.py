@@ -16,6 +16,7 @@ from stable_baselines3.common.logger import Logger
 
 from vvc_bench.baselines.actors import DemonstratedPolicy, make_policy
 from vvc_bench.baselines.configurations import CloningConfiguration
+from vvc_bench.baselines.devices import CPU
 from vvc_bench.baselines.unit_actions import to_unit, unit_box
 from vvc_bench.datasets.transitions import Transitions, dictionary
 from vvc_bench.envs.options import Spaces
@@ -80,6 +81,7 @@ class Cloning:
         where: the environment's spaces.
         configuration: how.
         seed: of weights and batches.
+        device: of the networks.
 
     Raises:
         ValueError: for fewer transitions than a batch.
@@ -94,14 +96,16 @@ class Cloning:
         where: Spaces,
         configuration: CloningConfiguration,
         seed: int,
+        device: torch.device = CPU,
     ) -> None:
         assert isinstance(where.action, spaces.Box)
         torch.manual_seed(seed)
         self._generator = np.random.default_rng(seed)
         batches = Batches(training, where.action, configuration.batch_size, self._generator)
-        self._judged = {"training": batches.spread(_JUDGED)}
+        self._judged = {"training": _on(device, batches.spread(_JUDGED))}
         if validation is not None and len(validation.rewards):
-            self._judged["validation"] = Batches(validation, where.action, 1, self._generator).spread(_JUDGED)
+            held_out = Batches(validation, where.action, 1, self._generator)
+            self._judged["validation"] = _on(device, held_out.spread(_JUDGED))
         self.done = 0
         weights = {"entropy_weight": 1.0, "with_values": False}  # imitation weighs the entropy itself
         self.policy: DemonstratedPolicy = make_policy(
@@ -117,7 +121,7 @@ class Cloning:
             optimizer_kwargs={"lr": configuration.learning_rate},
             ent_weight=configuration.entropy_weight,
             l2_weight=configuration.l2_weight,
-            device="cpu",
+            device=device,
             custom_logger=HierarchicalLogger(Logger(None, []), []),
         )
 
@@ -153,6 +157,12 @@ class Cloning:
         self.policy.load_state_dict(state["policy"])
         self._learner.optimizer.load_state_dict(state["optimizer"])
         self._generator.bit_generator.state = state["generator"]
+
+
+def _on(device: torch.device, batch: dict[str, Any]) -> dict[str, Any]:
+    """A batch where the networks are: imitation takes care of those that it learns from, and of no others."""
+    seen = {name: torch.tensor(part, device=device) for name, part in batch["obs"].items()}
+    return {"obs": seen, "acts": torch.tensor(batch["acts"], device=device)}
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.actors import DemonstratedPolicy, network
 from vvc_bench.baselines.configurations import PpoConfiguration
+from vvc_bench.baselines.devices import CPU
 from vvc_bench.baselines.reinforcement import Reinforcement, check_count
 
 
@@ -21,10 +22,16 @@ class ScheduledPPO(PPO):  # type: ignore[misc]  # whose types are not there with
         environments: with actions of ±1.
         seed: of weights, batches and exploration.
         state_dependent_exploration: whether exploration depends on the state.
+        device: of the networks.
     """
 
     def __init__(
-        self, configuration: PpoConfiguration, environments: VecEnv, seed: int, state_dependent_exploration: bool
+        self,
+        configuration: PpoConfiguration,
+        environments: VecEnv,
+        seed: int,
+        state_dependent_exploration: bool,
+        device: torch.device,
     ) -> None:
         self._planned = configuration
         super().__init__(
@@ -45,7 +52,7 @@ class ScheduledPPO(PPO):  # type: ignore[misc]  # whose types are not there with
                 "penalty": configuration.demonstrator_penalty,
             },
             seed=seed,
-            device="cpu",
+            device=device,
         )
 
     def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:
@@ -64,6 +71,7 @@ class Improving(Reinforcement):
         configuration: how; as many environments as it says.
         seed: of weights, batches and exploration.
         demonstrator: whose actor it begins with, and is held near if the configuration says so.
+        device: of the networks.
 
     Raises:
         ValueError: for another number of environments, or a demonstrator with other networks.
@@ -75,14 +83,15 @@ class Improving(Reinforcement):
         configuration: PpoConfiguration,
         seed: int,
         demonstrator: DemonstratedPolicy | None = None,
+        device: torch.device = CPU,
     ) -> None:
         check_count(environments, configuration.environments)
         explores = configuration.state_dependent_exploration and demonstrator is None
         self._warm_up_steps = configuration.warm_up_steps
-        algorithm = ScheduledPPO(configuration, environments, seed, explores)
+        algorithm = ScheduledPPO(configuration, environments, seed, explores, device)
         super().__init__(algorithm, configuration.steps_of_a_rollout)
         if demonstrator is not None:
-            _begin_with(self.policy, demonstrator)
+            _begin_with(self.policy, demonstrator.to(device))
         if configuration.first_exploration is not None:
             with torch.no_grad():
                 self.policy.log_std.fill_(math.log(configuration.first_exploration))

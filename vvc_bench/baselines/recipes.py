@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import torch
 from gymnasium import spaces
 
 from vvc_bench import sim
@@ -19,6 +20,7 @@ from vvc_bench.baselines.configurations import (
     amount_of,
 )
 from vvc_bench.baselines.curricula import CURRICULA, INTERMEDIATE, Intermediate
+from vvc_bench.baselines.devices import CPU
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.ppo import Improving
 from vvc_bench.baselines.sac import SoftActorCritic
@@ -64,6 +66,7 @@ class Setting:
         protocol: what policies are judged on on the way, in place of the task's validation goals as they are.
         lacking: a set, for PPO and SAC to learn near goals of the paper's grid that it lacks, and nowhere else, and to
             be judged there.
+        device: of the networks (`vvc_bench.baselines.devices.find_device`).
     """
 
     task: str
@@ -75,6 +78,7 @@ class Setting:
     fields: Mapping[str, Any] = field(default_factory=dict)
     protocol: str | None = None
     lacking: Dataset | None = None
+    device: torch.device = CPU
 
     def run(self, plan: Plan, folder: Path, make_learner: Callable[[], Learner], unit: str) -> dict[str, Any]:
         """Train with a line that says how far it has come."""
@@ -129,6 +133,7 @@ def train_gcbc(
             make_spaces(dataset.scenario.settings),
             configuration,
             setting.seed,
+            setting.device,
         )
 
     return setting.run(plan, folder, make, " epochs")
@@ -174,7 +179,7 @@ def train_ppo(
             setting, configuration.environments, curriculum, configuration.reward_scale, **setting.fields
         )
         shown = None if demonstrator is None else _policy_with(demonstrator, configuration.hidden)
-        return Improving(environments, configuration, setting.seed, shown)
+        return Improving(environments, configuration, setting.seed, shown, setting.device)
 
     return setting.run(plan, folder, make, " steps")
 
@@ -190,7 +195,7 @@ def train_sac(
 
     def make() -> SoftActorCritic:
         environments = make_environments(setting, configuration.environments, curriculum, **fields)
-        return SoftActorCritic(environments, configuration, setting.seed)
+        return SoftActorCritic(environments, configuration, setting.seed, setting.device)
 
     return setting.run(plan, folder, make, " steps")
 

@@ -64,19 +64,21 @@ class Reinforcement:
             "replay_buffer": algorithm.replay_buffer if isinstance(algorithm, OffPolicyAlgorithm) else None,
             "action_space": algorithm.action_space.np_random.bit_generator.state,
             "random": (random.getstate(), np.random.get_state(), torch.get_rng_state()),  # noqa: NPY002  (the library's)
+            "cuda_random": torch.cuda.get_rng_state(algorithm.device) if algorithm.device.type == "cuda" else None,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state."""
         algorithm = self.algorithm
-        algorithm.set_parameters(state["parameters"], device="cpu")
+        algorithm.set_parameters(state["parameters"], device=algorithm.device)
         for name, value in state["variables"].items():
-            getattr(algorithm, name).data = value
+            getattr(algorithm, name).data.copy_(value)
         for name, value in state["plain"].items():
             setattr(algorithm, name, value)
         algorithm.env.venv = state["environments"]
         if state["replay_buffer"] is not None:
             algorithm.replay_buffer = state["replay_buffer"]
+            algorithm.replay_buffer.device = algorithm.device  # which may be another than it was
             if hasattr(algorithm.replay_buffer, "set_env"):  # hindsight asks it for rewards
                 algorithm.replay_buffer.set_env(algorithm.env)
         algorithm.action_space.np_random.bit_generator.state = state["action_space"]
@@ -84,6 +86,8 @@ class Reinforcement:
         random.setstate(python)
         np.random.set_state(numpy)  # noqa: NPY002
         torch.set_rng_state(pytorch)
+        if state["cuda_random"] is not None and algorithm.device.type == "cuda":
+            torch.cuda.set_rng_state(state["cuda_random"], algorithm.device)
 
 
 def check_count(environments: VecEnv, configured: int) -> None:

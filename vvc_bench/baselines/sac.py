@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import torch
 from stable_baselines3 import SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import VecEnv
 
 from vvc_bench.baselines.configurations import SacConfiguration
+from vvc_bench.baselines.devices import CPU
 from vvc_bench.baselines.features import RelativeFeatures
 from vvc_bench.baselines.reinforcement import Reinforcement, check_count
 
@@ -21,12 +23,15 @@ class SoftActorCritic(Reinforcement):
             rewards follow from goals: ``reward="sparse"``, ``reach_steps=1``.
         configuration: how; as many environments as it says.
         seed: of weights, batches and exploration.
+        device: of the networks.
 
     Raises:
         ValueError: for another number of environments.
     """
 
-    def __init__(self, environments: VecEnv, configuration: SacConfiguration, seed: int) -> None:
+    def __init__(
+        self, environments: VecEnv, configuration: SacConfiguration, seed: int, device: torch.device = CPU
+    ) -> None:
         check_count(environments, configuration.environments)
         replay: dict[str, Any] = {"replay_buffer_class": HerReplayBuffer} if configuration.hindsight else {}
         algorithm = SAC(
@@ -41,7 +46,7 @@ class SoftActorCritic(Reinforcement):
             ent_coef=f"auto_{configuration.first_entropy_weight}",
             policy_kwargs={"features_extractor_class": RelativeFeatures, "net_arch": list(configuration.hidden)},
             seed=seed,
-            device="cpu",
+            device=device,
             **replay,
         )
         super().__init__(algorithm, -(-_SLICE // configuration.environments))

@@ -333,6 +333,7 @@ class _Session:
             "weights_sha256": weights_sha256(self._learner.policy.state_dict()),
             "wall_s": round(self._record["wall_s"], 3),
             "threads": self._threads,
+            "device": str(self._learner.policy.device),
             "versions": {"vvc_bench": __version__} | {name: importlib.metadata.version(name) for name in _PACKAGES},
         }
         write_json(self._folder / TRAINING, document)

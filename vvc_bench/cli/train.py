@@ -75,6 +75,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="learn by PPO or SAC on a variant of the task, as --set direction_band_deg=1; may be given several times",
     )
     parser.add_argument("--threads", type=count, default=1, help="at most so many (default: %(default)s)")
+    parser.add_argument(
+        "--device",
+        default="cpu",
+        help="where networks are trained, as PyTorch names it: cpu, cuda, cuda:1, mps; auto takes CUDA where it is "
+        "(default: %(default)s)",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON document")
 
 
@@ -105,6 +111,7 @@ def require_extra() -> None:
 
 def _train(options: argparse.Namespace) -> dict[str, Any]:
     from vvc_bench.baselines import irpo, recipes
+    from vvc_bench.baselines.devices import find_device
 
     setting = recipes.Setting(
         options.task,
@@ -115,6 +122,7 @@ def _train(options: argparse.Namespace) -> dict[str, Any]:
         fields=dict(options.set),
         protocol=options.protocol,
         lacking=load_dataset(options.lacking) if options.lacking else None,
+        device=find_device(options.device),
     )
     where, name, configuration = options.output, options.configuration, _configuration(options)
     match options.algorithm:
