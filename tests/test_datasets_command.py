@@ -124,7 +124,7 @@ def test_a_set_is_updated_by_a_policy_and_mirrored(home: Path, tmp_path: Path) -
     """The same flights as of the catalogue's set by that policy, under other labels."""
     pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install vvc-bench[onnx]")
     mine, image = str(tmp_path / "mine"), str(tmp_path / "mine-aug")
-    made = run(home, "update", "pursuit-sample-v0", "--policy", "irpo1-seed0", "--grid", "sample", "--output", mine)
+    made = run(home, "update", "pursuit-sample-v0", "--policy", "irpo1-seed0", "--output", mine)
     assert (made.returncode, made.stderr) == (0, "")
     same = run(home, "diff", "irpo1-sample-v0", mine, "--json")
     found = json.loads(same.stdout)

@@ -27,6 +27,7 @@ from vvc_bench import sim
 from vvc_bench.baselines.actors import make_policy
 from vvc_bench.baselines.configurations import (
     CONFIGURATIONS,
+    CURRICULA,
     GCBC_SMALL,
     PPO_SMALL,
     SAC_SMALL,
@@ -36,7 +37,7 @@ from vvc_bench.baselines.configurations import (
     amount_of,
     with_amount,
 )
-from vvc_bench.baselines.curricula import CURRICULA, Achieved, Curriculum, Intermediate
+from vvc_bench.baselines.curricula import ACHIEVED, Curriculum, Intermediate, make_curriculum
 from vvc_bench.baselines.devices import find_device
 from vvc_bench.baselines.features import ANTISYMMETRIC, FEATURES, RelativeFeatures
 from vvc_bench.baselines.gcbc import Cloning
@@ -511,9 +512,6 @@ def achieved(generator: np.random.Generator, count: int) -> np.ndarray:
 EVERYWHERE = UniformBox((150.0, -10.0, -30.0), (250.0, 10.0, 30.0))
 
 
-ACHIEVED = {name: kind for name, kind in CURRICULA.items() if issubclass(kind, Achieved)}
-
-
 def taught(name: str) -> Curriculum:
     curriculum = ACHIEVED[name](EVERYWHERE, 0, renewed=2000, fitted=1000, remembered=0.5)
     generator = np.random.default_rng(1)
@@ -533,8 +531,8 @@ def in_crowd(goals: np.ndarray) -> float:
 
 
 def test_curricula_draw_from_the_box_at_first() -> None:
-    for make in CURRICULA.values():
-        goals = drawn(make(EVERYWHERE, 0))
+    for name in CURRICULA:
+        goals = drawn(make_curriculum(name, EVERYWHERE, 0))
         assert 0.2 < in_crowd(goals) < 0.4
 
 

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias, TypeVar
 
+CURRICULA = RIG, DISCERN, MEGA, INTERMEDIATE = "rig", "discern", "mega", "intermediate"
+"""Names of where goals may be drawn from in place of the task's box (`vvc_bench.baselines.curricula`)."""
 HIDDEN = (128, 128)
 """Widths of the hidden layers, of policy and value function each; Tanh between them."""
 

@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from sklearn.neighbors import KernelDensity
 
+from vvc_bench.baselines.configurations import CURRICULA, DISCERN, INTERMEDIATE, MEGA, RIG
 from vvc_bench.goals import UniformBox
-
-INTERMEDIATE = "intermediate"
 
 _OFFERED = 100
 """Candidates that `Mega` chooses from."""
@@ -154,7 +153,6 @@ class Intermediate(Curriculum):
 
     Args:
         box: where goals come from.
-        seed: unused; whoever draws brings the generator.
         among: goals, shape (K, 3), in outside units: goals are drawn from cells that hold one of these; by default from
             all.
         cells: of each component.
@@ -170,7 +168,6 @@ class Intermediate(Curriculum):
     def __init__(
         self,
         box: UniformBox,
-        seed: int = 0,
         *,
         among: NDArray[np.float64] | None = None,
         cells: tuple[int, int, int] = (10, 17, 17),
@@ -179,7 +176,6 @@ class Intermediate(Curriculum):
         renewed: int = 2000,
         kept: float = 0.9,
     ) -> None:
-        del seed
         self._box, self._cells, self._even = box, cells, even
         self._low, self._width = np.array(box.low), (np.array(box.high) - box.low) / cells
         self._smoothing, self._renewed, self._kept = smoothing, renewed, kept
@@ -247,7 +243,23 @@ def _cumulative(weights: NDArray[np.float64]) -> NDArray[np.float64]:
     return shares
 
 
-CURRICULA: Mapping[str, type[Achieved] | type[Intermediate]] = MappingProxyType(
-    {"rig": Rig, "discern": Discern, "mega": Mega, INTERMEDIATE: Intermediate}
-)
-"""By name."""
+ACHIEVED: Mapping[str, type[Achieved]] = MappingProxyType({RIG: Rig, DISCERN: Discern, MEGA: Mega})
+"""Those that draw from where the aircraft has been, by name."""
+
+
+def make_curriculum(name: str, box: UniformBox, seed: int) -> Curriculum:
+    """One of `CURRICULA`.
+
+    Args:
+        name: which.
+        box: where goals come from.
+        seed: of what is remembered.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
+    if name == INTERMEDIATE:
+        return Intermediate(box)
+    if name not in ACHIEVED:
+        raise ValueError(f"unknown curriculum {name!r}; known are {', '.join(CURRICULA)}")
+    return ACHIEVED[name](box, seed)

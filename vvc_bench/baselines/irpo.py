@@ -55,7 +55,7 @@ def train_irpo(
         seeds: policies of each iteration, or one number for all; the first has the setting's seed, the next the one
             after that.
         processes: trainings of an iteration side by side; the others than the first show no progress.
-        curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`; by default PPO's goals are the task's.
+        curriculum: one of `vvc_bench.baselines.configurations.CURRICULA`; by default PPO's goals are the task's.
 
     Returns:
         For each iteration what was trained, and what its sets are.

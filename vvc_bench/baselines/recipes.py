@@ -12,6 +12,7 @@ from gymnasium import spaces
 from vvc_bench import sim
 from vvc_bench.baselines.actors import DemonstratedPolicy, make_policy
 from vvc_bench.baselines.configurations import (
+    INTERMEDIATE,
     CloningConfiguration,
     Configuration,
     PpoConfiguration,
@@ -19,7 +20,7 @@ from vvc_bench.baselines.configurations import (
     StagedConfiguration,
     amount_of,
 )
-from vvc_bench.baselines.curricula import CURRICULA, INTERMEDIATE, Intermediate
+from vvc_bench.baselines.curricula import Intermediate, make_curriculum
 from vvc_bench.baselines.devices import CPU
 from vvc_bench.baselines.gcbc import Cloning
 from vvc_bench.baselines.ppo import Improving
@@ -159,7 +160,7 @@ def train_ppo(
         cloned: folder of a training, mostly by GCBC, with the same networks; its best policy is the demonstrator.
         critic: folder of a training by PPO, whose value function it begins with in place of the demonstrator's: a
             clone's is untrained.
-        curriculum: one of `CURRICULA`; by default goals are the task's.
+        curriculum: one of `vvc_bench.baselines.configurations.CURRICULA`; by default goals are the task's.
 
     Returns:
         What ``training.json`` holds.
@@ -235,7 +236,8 @@ def make_environments(
     Args:
         setting: task, seed and threads.
         count: how many.
-        curriculum: one of `CURRICULA`; with a set whose goals are lacking, ``intermediate``.
+        curriculum: one of `vvc_bench.baselines.configurations.CURRICULA`; with a set whose goals are lacking,
+            ``intermediate``.
         reward_scale: what rewards are multiplied by.
         **fields: of the task.
 
@@ -255,13 +257,11 @@ def make_environments(
 def _goals(setting: Setting, curriculum: str | None) -> GoalDistribution:
     """What is learned."""
     box = named_problem(setting.task).goals
-    if curriculum is not None and curriculum not in CURRICULA:
-        raise ValueError(f"unknown curriculum {curriculum!r}; known are {', '.join(CURRICULA)}")
     if setting.lacking is not None:
         if curriculum != INTERMEDIATE:
             raise ValueError(f"goals that a set lacks are learned with the curriculum {INTERMEDIATE}, not {curriculum}")
         return setting.lacking_goals()
-    return box if curriculum is None else CURRICULA[curriculum](box, setting.seed)
+    return box if curriculum is None else make_curriculum(curriculum, box, setting.seed)
 
 
 def _named(dataset: Dataset | None) -> dict[str, str] | None:

@@ -13,9 +13,11 @@ from vvc_bench.datasets.catalogue import (
     LEARNED,
     PAPER_GRID,
     SAMPLE_GRID,
+    GoalGrid,
     Mirrored,
     Specification,
     Updated,
+    grid_flown,
     named_specification,
 )
 from vvc_bench.datasets.dataset import Dataset
@@ -185,7 +187,11 @@ def _make_options(parser: argparse.ArgumentParser) -> None:
     """Of sets that are made from another one, and are of no catalogue."""
     _one_set(parser)
     parser.add_argument("--output", type=Path, required=True, metavar="FOLDER", help="where; its name is the set's")
-    parser.add_argument("--grid", choices=list(_GRIDS), default="paper", help="all goals (default: %(default)s)")
+    parser.add_argument(
+        "--grid",
+        choices=list(_GRIDS),
+        help="all goals (default: paper, or what a set of the catalogue was flown to)",
+    )
     parser.add_argument("--threads", type=_positive, help="at most so many (default: all cores)")
 
 
@@ -208,6 +214,13 @@ def _named_parent(options: argparse.Namespace) -> tuple[str, Dataset]:
     return name, parent
 
 
+def _grid(options: argparse.Namespace, parent: Dataset) -> GoalGrid:
+    """All goals."""
+    if options.grid is not None:
+        return _GRIDS[options.grid]
+    return grid_flown(parent.name) if parent.name in CATALOGUE else PAPER_GRID
+
+
 def _file_hash(policy: str, agent: Agent) -> str:
     """What a set names a policy by."""
     sha256 = agent.describe()["sha256"]
@@ -222,7 +235,7 @@ def _update(options: argparse.Namespace) -> int:
     name, parent = _named_parent(options)
     agents = [open_agent(policy) for policy in options.policy]
     hashes = [_file_hash(policy, agent) for policy, agent in zip(options.policy, agents, strict=True)]
-    recipe = Updated.by_files(_GRIDS[options.grid], parent.name, hashes)
+    recipe = Updated.by_files(_grid(options, parent), parent.name, hashes)
     specification = Specification(name, f"{parent.name} after policies flew the grid", LEARNED, recipe)
     with progress_line(f"flying {name}", "goals") as show:
         update_by_policies(specification, options.output, parent, agents, threads=options.threads, progress=show)
@@ -233,7 +246,7 @@ def _mirror(options: argparse.Namespace) -> int:
     name, parent = _named_parent(options)
     recipe, summary = Mirrored(parent.name, resimulate=False), f"{parent.name} and its mirror image"
     specification = Specification(name, summary, parent.scenario, recipe)
-    add_mirror_image(specification, options.output, parent, _GRIDS[options.grid].goals, threads=options.threads)
+    add_mirror_image(specification, options.output, parent, _grid(options, parent).goals, threads=options.threads)
     return _show_made(options, options.output)
 
 

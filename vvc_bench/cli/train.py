@@ -5,7 +5,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from vvc_bench.baselines.configurations import CONFIGURATIONS, STAGED, StagedConfiguration, with_amount
+from vvc_bench.baselines.configurations import (
+    CONFIGURATIONS,
+    CURRICULA,
+    INTERMEDIATE,
+    STAGED,
+    StagedConfiguration,
+    with_amount,
+)
 from vvc_bench.datasets.progress import progress_line
 from vvc_bench.datasets.sources import load_dataset
 from vvc_bench.evaluation.protocols import PROTOCOLS
@@ -13,8 +20,6 @@ from vvc_bench.policies.agent import import_extra
 from vvc_bench.tasks import TASKS, make_task
 
 ALGORITHMS = (*CONFIGURATIONS, *STAGED)
-CURRICULA = ("rig", "discern", "mega", "intermediate")
-_FOR_LACKING = "intermediate"
 _CLONING = ("gcbc", *STAGED)
 _EXTRA = ("torch", "stable_baselines3", "imitation", "onnx", "onnxruntime")
 
@@ -52,7 +57,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lacking",
         metavar="SET",
-        help=f"learn by PPO or SAC only near goals that a set lacks; with --curriculum {_FOR_LACKING}",
+        help=f"learn by PPO or SAC only near goals that a set lacks; with --curriculum {INTERMEDIATE}",
     )
     parser.add_argument(
         "--evaluations",
@@ -187,8 +192,8 @@ def _check(options: argparse.Namespace) -> None:
     for option, given in wrong.items():
         if given:
             raise ValueError(f"{option} means nothing to {options.algorithm}; leave it out")
-    if options.lacking and options.curriculum != _FOR_LACKING:
-        raise ValueError(f"--lacking goes with --curriculum {_FOR_LACKING}")
+    if options.lacking and options.curriculum != INTERMEDIATE:
+        raise ValueError(f"--lacking goes with --curriculum {INTERMEDIATE}")
     if options.seed < 0:
         raise ValueError(f"--seed must not be negative, got {options.seed}")
     make_task(TASKS[options.task].task, **dict(options.set))

@@ -26,6 +26,7 @@ from vvc_bench.baselines.configurations import (
     SacConfiguration,
     with_amount,
 )
+from vvc_bench.datasets.catalogue import CATALOGUE
 
 GCBC, PPO, SAC, HER = "gcbc", "ppo", "sac", "sac-her"
 FINE_TUNED, WITHOUT_PENALTY = "gcbc-ppo", "gcbc-ppo-without-penalty"
@@ -36,7 +37,7 @@ PAPER_SETS = (
     "pid-aug-v0",
     *(f"irpo{k}{suffix}-v0" for k in (1, 2, 3) for suffix in ("", "-aug")),
 )
-LEARNED_SETS = tuple(f"learned{k}{suffix}-v0" for k in (2, 3, 4, 5) for suffix in ("", "-aug"))
+LEARNED_SETS = tuple(name for name in CATALOGUE if name.startswith("learned"))
 SETS = (*PAPER_SETS, *LEARNED_SETS, "pursuit-v0", "search-v0")
 """Rows of Tables 1 and 12; the paper has nothing like those that follow its own."""
 CLONED = (
@@ -114,7 +115,7 @@ class Trial:
         configuration: with the amount.
         demonstrations: name of the set that is cloned, for ``gcbc``.
         demonstrator: the trial whose best clone is improved on, for ``ppo``.
-        curriculum: one of `vvc_bench.baselines.curricula.CURRICULA`.
+        curriculum: one of `vvc_bench.baselines.configurations.CURRICULA`.
         paper_percent: the paper's figure, where it is at hand; none is.
     """
 
