@@ -24,7 +24,7 @@ from small_flights import flights
 from stable_baselines3.common.logger import Logger
 
 from vvc_bench import sim
-from vvc_bench.baselines.actors import make_policy
+from vvc_bench.baselines.actors import LogisticTanh, make_policy
 from vvc_bench.baselines.configurations import (
     CONFIGURATIONS,
     CURRICULA,
@@ -196,6 +196,19 @@ def test_a_policy_as_onnx_acts_as_the_library_does(make: Callable[[], Any], tmp_
 
 
 # KL to the demonstrator
+
+
+def test_tanh_and_its_slope_are_pytorchs() -> None:
+    x = torch.cat([torch.linspace(-30.0, 30.0, 100_001), torch.tensor([0.0, 1e-9, -1e-4, torch.inf, -torch.inf])])
+    mine, theirs = (x.clone().requires_grad_() for _ in range(2))
+    values = LogisticTanh()(mine), torch.tanh(theirs)
+    for value in values:
+        value.sum().backward()
+    assert mine.grad is not None
+    assert theirs.grad is not None
+    assert float((values[0] - values[1]).detach().abs().max()) < 2e-7
+    assert float((mine.grad - theirs.grad).abs().max()) < 5e-7
+    assert torch.isnan(LogisticTanh()(torch.tensor(torch.nan)))
 
 
 def test_the_penalty_is_the_divergence_from_the_demonstrator() -> None:

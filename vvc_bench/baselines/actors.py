@@ -99,4 +99,36 @@ def make_policy(
 
 def network(hidden: Sequence[int]) -> dict[str, Any]:
     """The arguments of a policy that say what its networks look like."""
-    return {"net_arch": {"pi": list(hidden), "vf": list(hidden)}, "activation_fn": nn.Tanh}
+    return {"net_arch": {"pi": list(hidden), "vf": list(hidden)}, "activation_fn": LogisticTanh}
+
+
+class LogisticTanh(nn.Module):  # type: ignore[misc]  # whose types are not there without the extra
+    """The hyperbolic tangent as 2σ(2x) − 1, within 2e-7.
+
+    On a processor PyTorch computes σ in a third of the time of its own tanh, in which PPO and GCBC with networks of
+    128×128 spent a quarter of theirs.
+    """
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Of each number."""
+        y: torch.Tensor = _TanhBySigmoid.apply(x)
+        return y
+
+    def add_to_graph(self, graph: Any, name: str) -> str:
+        """The same in an ONNX graph, as `vvc_bench.policies.conversion` asks a layer for."""
+        added: str = graph.add("Tanh", name)
+        return added
+
+
+class _TanhBySigmoid(torch.autograd.Function):  # type: ignore[misc]  # whose types are not there
+    @staticmethod
+    def forward(context: Any, x: torch.Tensor) -> torch.Tensor:
+        y = (2.0 * x).sigmoid_().mul_(2.0).sub_(1.0)
+        context.save_for_backward(y)
+        return y
+
+    @staticmethod
+    def backward(context: Any, gradient: torch.Tensor) -> torch.Tensor:
+        (y,) = context.saved_tensors
+        derived: torch.Tensor = torch.ops.aten.tanh_backward(gradient, y)
+        return derived
