@@ -10,8 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import onnx
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import small_models
 from html_page import BROWSERS, laid_out
@@ -252,6 +255,20 @@ def test_links_lead_out(entry: Path, tmp_path: Path) -> None:
         assert f"{name} is no plain file" in why(entry)
         (entry / name).unlink()
         (tmp_path / name).rename(entry / name)
+
+
+def test_a_table_that_takes_all_memory(entry: Path, root: Path) -> None:
+    """As many flights as there are goals, each of whose endings takes 20 MB; nor can it hide behind another entry."""
+    path = entry / "episodes.parquet"
+    table = pq.read_table(path)
+    endless = pa.DictionaryArray.from_arrays(np.zeros(len(table), dtype=np.int32), ["x" * 20_000_000])
+    table = table.set_column(table.column_names.index("termination"), "termination", endless)
+    pq.write_table(table, path, compression="zstd", store_schema=False, dictionary_pagesize_limit=10**9)
+    assert path.stat().st_size < 10**6
+    seal(entry)
+    assert re.search(r"episodes\.parquet cannot be read: ArrowMemoryError", why(entry))
+    seal(root / PROTOCOL / "random", lambda said: dataclasses.replace(said, submitted="2999-01-01T00:00:00Z"))
+    assert verify_entry(root / PROTOCOL / "random").accepted
 
 
 def test_files_that_do_not_belong_there(entry: Path) -> None:

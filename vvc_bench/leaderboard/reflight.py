@@ -6,6 +6,7 @@ It prints a line for what it may do, lines of progress, and last what became of 
 
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,11 @@ def say(**what: object) -> None:
     sys.stdout.flush()
 
 
-def main() -> None:
-    """Do what was requested, and say how it went."""
+def answer(work: Callable[[], None]) -> None:
+    """Do some work, and say how it went."""
     say(confined=json.loads(sys.argv[1]))
     try:
-        _evaluate(json.loads(Path(REQUEST).read_text(encoding="utf-8")))
+        work()
     except Exception as error:  # whatever a policy brings about is an answer
         say(refused=" ".join(f"{_kind(error)}{error}".split())[:1000])
     else:
@@ -34,12 +35,13 @@ def _kind(error: Exception) -> str:
     return "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
 
 
-def _evaluate(request: dict[str, Any]) -> None:
+def _evaluate() -> None:
     from vvc_bench.evaluation import evaluate, held_out, named_protocol
     from vvc_bench.leaderboard.model import check_model
     from vvc_bench.leaderboard.submission import POLICY
     from vvc_bench.policies import open_agent
 
+    request: dict[str, Any] = json.loads(Path(REQUEST).read_text(encoding="utf-8"))
     if request["policy"] == POLICY:
         check_model(Path(POLICY).read_bytes())
     protocol = named_protocol(request["protocol"])
@@ -59,4 +61,4 @@ def _evaluate(request: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    answer(_evaluate)

@@ -1,4 +1,4 @@
-"""Fly a policy in a process of its own that can do nothing else, and take home its evaluation."""
+"""Fly a policy, or read what is claimed, in a process of its own that can do nothing else."""
 
 import contextlib
 import dataclasses
@@ -15,19 +15,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from vvc_bench import jit
 from vvc_bench.evaluation import Evaluation, evaluate, named_protocol, read_evaluation
 from vvc_bench.evaluation.protocols import Drawn
-from vvc_bench.leaderboard import confinement
+from vvc_bench.leaderboard import confinement, reading, reflight
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.reflight import EVALUATION, HELD_OUT, REQUEST
-from vvc_bench.leaderboard.submission import CLAIMED, POLICY
+from vvc_bench.leaderboard.submission import CLAIMED, EPISODES, POLICY
 from vvc_bench.policies import open_agent
 from vvc_bench.policies.built_in import RANDOM
 
 _PACKAGE = Path(__file__).parents[1]
+_READING = Limits(wall_s=60.0, processor_s=60, memory_bytes=4 * 10**9)
 
 
 @dataclass(frozen=True)
@@ -97,13 +99,31 @@ def fly(
             "held_out": [announced.submission_sha256, announced.seed] if announced else None,
         }
         (folder / REQUEST).write_text(json.dumps(request), encoding="utf-8")
-        confined = _run(folder, limits, progress)
+        confined = _run(reflight, "the policy", folder, limits, progress)
         return Flown(
             read_evaluation(folder / EVALUATION),
             {name: (folder / EVALUATION / name).read_bytes() for name in CLAIMED},
             read_evaluation(folder / HELD_OUT) if announced else None,
             confined,
         )
+
+
+def try_to_read(episodes: bytes) -> None:
+    """Read a Parquet file where it can do no harm.
+
+    Args:
+        episodes: what is in the file.
+
+    Raises:
+        ValueError: if it cannot be read with as much memory and time as the largest evaluation takes; says why.
+        OSError: if no process can be started.
+    """
+    with tempfile.TemporaryDirectory(prefix="vvc-bench-reading-") as name:
+        Path(name, EPISODES).write_bytes(episodes)
+        try:
+            _run(reading, "reading it", Path(name), _READING, lambda _done, _total: None)
+        except ValueError as error:
+            raise ValueError(f"{EPISODES} cannot be read: {error}") from error
 
 
 @cache
@@ -126,10 +146,12 @@ def _working_folder() -> Iterator[Path]:
         yield Path(name)
 
 
-def _run(folder: Path, limits: Limits, progress: Callable[[int, int], object]) -> dict[str, bool]:
+def _run(
+    module: ModuleType, what: str, folder: Path, limits: Limits, progress: Callable[[int, int], object]
+) -> dict[str, bool]:
     """What the process could be denied, once it is done."""
     command = [sys.executable, "-P", confinement.__file__]
-    arguments = [json.dumps(dataclasses.asdict(limits)), "vvc_bench.leaderboard.reflight"]
+    arguments = [json.dumps(dataclasses.asdict(limits)), module.__name__]
     environment = {
         "HOME": str(folder),
         "LC_ALL": "C.UTF-8",
@@ -160,11 +182,11 @@ def _run(folder: Path, limits: Limits, progress: Callable[[int, int], object]) -
         clock.cancel()
         _end(process)
     if late.is_set():
-        raise ValueError(f"the policy was stopped after {limits.wall_s:g} s, its time limit")
+        raise ValueError(f"{what} was stopped after {limits.wall_s:g} s, its time limit")
     if "refused" in said:
         raise ValueError(said["refused"])
     if "done" not in said:
-        raise ValueError(f"the policy's process {_ending(status, limits)}{_last_line(folder / 'errors.txt')}")
+        raise ValueError(f"the process of {what} {_ending(status, limits)}{_last_line(folder / 'errors.txt')}")
     return dict(said["confined"])
 
 
