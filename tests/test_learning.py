@@ -428,7 +428,7 @@ def test_a_learner_that_was_stopped_goes_on_as_if_it_had_not_been(name: str, flo
 def test_networks_are_on_the_device_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """PyTorch refuses to reckon with tensors of two devices; ``meta``, which holds no values, every machine has."""
     monkeypatch.setattr(torch.distributions.Distribution, "_validate_args", False)  # it would look at values
-    where = find_device("meta")
+    where = torch.device("meta")
     penalised = TINY_PPO._replace(demonstrator_penalty=0.1)
     learner = Improving(make_environments(Setting("normal"), 16), penalised, 0, policy_of(TINY_PPO.hidden), where)
     seen = {name: torch.from_numpy(each).to(where) for name, each in observations(8).items()}
@@ -677,6 +677,7 @@ def test_configurations_by_name() -> None:
         (["ppo", "--configuration", "best"], "unknown configuration 'best' of ppo; known are released, fast"),
         (["ppo", "--seed", "-1"], "--seed must not be negative"),
         (["ppo", "--device", "gpu"], "networks cannot be trained on 'gpu' here: "),
+        (["ppo", "--device", "meta"], "networks cannot be trained on 'meta' here: "),
         (["ppo", "--device", "mps" if torch.cuda.is_available() else "cuda"], "choose cpu, or auto"),
         (["ppo", "--set", "band=1"], "unknown task field 'band'"),
         (["ppo", "--set", "direction_band_deg=-1"], "direction_band_deg must"),

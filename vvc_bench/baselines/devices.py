@@ -19,7 +19,9 @@ def find_device(name: str) -> torch.device:
     if name == AUTO:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
-        return torch.zeros(1, device=name).device
+        tried = torch.zeros(1, device=name)
+        tried.item()  # not all that hold tensors hold values
     except (RuntimeError, AssertionError) as error:  # the latter where PyTorch was built without CUDA
         reason = str(error).splitlines()[0]
         raise ValueError(f"networks cannot be trained on {name!r} here: {reason}; choose cpu, or {AUTO}") from error
+    return tried.device
