@@ -291,7 +291,7 @@ def test_episodes_that_are_none(entry: Path) -> None:
         said = json.loads((entry / "submission.json").read_text())
         said["files"]["episodes.parquet"] = sha256(content)
         (entry / "submission.json").write_text(json.dumps(said, indent=2, ensure_ascii=False) + "\n")
-        assert "is no Parquet file" in why(entry)
+        assert "cannot be read: " in why(entry)
     claim(entry, episodes.astype({"success": "float64"}).assign(success=lambda frame: frame["success"] == 1, x=1))
     seal(entry)
     assert "a foreign column x" in why(entry)
