@@ -195,9 +195,6 @@ def test_a_policy_as_onnx_acts_as_the_library_does(make: Callable[[], Any], tmp_
     assert np.ptp(expected, axis=0).min() > 0.01
 
 
-# KL to the demonstrator
-
-
 def test_tanh_and_its_slope_are_pytorchs() -> None:
     x = torch.cat([torch.linspace(-30.0, 30.0, 100_001), torch.tensor([0.0, 1e-9, -1e-4, torch.inf, -torch.inf])])
     mine, theirs = (x.clone().requires_grad_() for _ in range(2))
@@ -209,6 +206,9 @@ def test_tanh_and_its_slope_are_pytorchs() -> None:
     assert float((values[0] - values[1]).detach().abs().max()) < 2e-7
     assert float((mine.grad - theirs.grad).abs().max()) < 5e-7
     assert torch.isnan(LogisticTanh()(torch.tensor(torch.nan)))
+
+
+# KL to the demonstrator
 
 
 def test_the_penalty_is_the_divergence_from_the_demonstrator() -> None:

@@ -92,7 +92,7 @@ def read_evaluation(folder: Path | str) -> Evaluation:
         if not (place / name).is_file():
             raise FileNotFoundError(f"{place} holds no evaluation: it has no {name}; `vvc-bench evaluate` makes one")
     summary = _read_json(place / SUMMARY)
-    episodes = _read_episodes(place / EPISODES)
+    episodes = read_episodes(place / EPISODES)
     missing = [key for key in ("protocol", "policy", "seeds", "success") if key not in summary]
     if missing:
         raise ValueError(f"{place / SUMMARY} is no summary of an evaluation: it has no {missing[0]!r}")
@@ -113,7 +113,12 @@ def _read_json(path: Path) -> dict[str, Any]:
     return document
 
 
-def _read_episodes(path: Path) -> pd.DataFrame:
+def read_episodes(path: Path) -> pd.DataFrame:
+    """The table of flights in a file of an evaluation.
+
+    Raises:
+        ValueError: for another kind of file, or one that lacks a column which every evaluation has.
+    """
     try:
         episodes = pd.read_parquet(path)
     except (ValueError, OSError) as error:

@@ -44,6 +44,7 @@ class Entry:
         submission: what it says.
         sha256: of ``submission.json``.
         summary: what it claims.
+        episodes: the Parquet file of the flights that it claims; nothing but its hash is checked yet.
         model: the policy's file, if it has one.
     """
 
@@ -51,6 +52,7 @@ class Entry:
     submission: Submission
     sha256: str
     summary: Mapping[str, Any]
+    episodes: bytes
     model: bytes | None
 
     @property
@@ -100,7 +102,7 @@ def read_entry(folder: Path) -> Entry:
         if sha256(files[name]) != promise:
             raise ValueError(f"{folder / name} has SHA-256 {sha256(files[name])}; {SUBMISSION} says {promise}")
     summary = _parse_summary(files[SUMMARY], folder / SUMMARY)
-    return Entry(folder, submission, sha256(content), summary, files.get(POLICY))
+    return Entry(folder, submission, sha256(content), summary, files[EPISODES], files.get(POLICY))
 
 
 def _check_place(folder: Path, submission: Submission) -> None:

@@ -10,9 +10,9 @@ from vvc_bench.leaderboard.submission import EPISODES
 
 
 def _read() -> None:
-    import pandas as pd
+    from vvc_bench.evaluation.evaluate import read_episodes
 
-    pd.read_parquet(Path(EPISODES))
+    read_episodes(Path(EPISODES))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from vvc_bench.leaderboard import sandbox
 from vvc_bench.leaderboard.claims import differences, same_flights, unfounded
 from vvc_bench.leaderboard.confinement import Limits
 from vvc_bench.leaderboard.entries import Entry, list_entries, read_entry
-from vvc_bench.leaderboard.submission import EPISODES, BuiltInPolicy, Submission, sha256
+from vvc_bench.leaderboard.submission import BuiltInPolicy, Submission
 from vvc_bench.version import __version__
 
 _PACKAGES = ("numba", "numpy", "onnxruntime")
@@ -146,16 +146,8 @@ def _protocol(entry: Entry) -> Protocol:
 
 def _claimed(entry: Entry) -> Evaluation:
     """What an entry claims, read by a confined process first: this one would be killed where it takes all memory."""
-    _try_to_read(entry.folder / EPISODES, entry.submission.files[EPISODES])
+    sandbox.try_to_read(entry.episodes)
     return read_evaluation(entry.folder)
-
-
-@cache
-def _try_to_read(path: Path, promised: str) -> None:
-    content = path.read_bytes()
-    if sha256(content) != promised:
-        raise ValueError(f"{path} was changed while its entry was verified")
-    sandbox.try_to_read(content)
 
 
 def _without_flying(entry: Entry, protocol: Protocol, claimed: Evaluation) -> list[str]:
